@@ -1,0 +1,3 @@
+"""skyrange: a cyber range for the sky."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,172 @@
+"""What must an agent, a tap, an engine, a world, an observer do? The protocols, and nothing else.
+
+`skyrange.testing` ships a conformance check for each that a plugin may implement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.frames import Frame
+from skyrange.agent.messages import Inbox, Note, Outbox
+from skyrange.agent.verdicts import Label, Verdict
+from skyrange.core.ids import Port
+from skyrange.core.time import Time
+
+Floats = NDArray[np.float64]
+
+
+class Agent(Protocol):
+    """A component as a plain object: same inputs, same outputs; no clock, no socket, no thread.
+
+    The kernel hands it everything that arrived since its last step, at the next multiple of
+    `service_ns` (a real program polls), and steps it when `next_wakeup` falls due (perhaps later,
+    never earlier). All its state is deep-copyable data: no generators, closures or handles.
+    """
+
+    name: str
+    service_ns: Time
+    ports: Sequence[Port]
+    """Where it sends and receives. An agent may own many vehicles' endpoints."""
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """React to time and frames; the outbox is complete, never a generator."""
+        ...
+
+    def next_wakeup(self) -> Time | None:
+        """When it wants to be stepped without mail; `None` for "only by mail"."""
+        ...
+
+
+class Tap(Protocol):
+    """Stands on one side of one link, sees frames of both directions, judges each."""
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """At most one of Pass, Drop, Replace and Delay-with-Replace combined, plus any Injects; empty is Pass."""
+        ...
+
+    def next_wakeup(self) -> Time | None:
+        """When it wants to act without a frame."""
+        ...
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Act on its own initiative: Injects only."""
+        ...
+
+
+@dataclass(slots=True)
+class Sensors:
+    """What the sensors of an engine's vehicles say at one tick: rows in the engine's own vehicle order.
+
+    Frames: local is east-north-up from the origin; body is forward-left-up (REP 103). Arrays are
+    read-only views, valid until the next tick.
+    """
+
+    gyro_radps: Floats
+    """(n, 3) body rates."""
+    accel_mps2: Floats
+    """(n, 3) specific force in the body: (0, 0, +9.8) at rest and level."""
+    attitude: Floats
+    """(n, 4) quaternion w, x, y, z, body to local."""
+    gnss_enu_m: Floats
+    """(n, 3) position."""
+    gnss_vel_enu_mps: Floats
+    """(n, 3) velocity."""
+    baro_up_m: Floats
+    """(n,) height above the origin."""
+    rangefinder_m: Floats
+    """(n,) height above the ground below."""
+
+
+class InstanceStatus(StrEnum):
+    """How one instance of an engine is."""
+
+    BOOTING = "booting"
+    READY = "ready"
+    SILENT = "silent"
+    DEAD = "dead"
+
+
+@dataclass(slots=True)
+class Finished:
+    """What an engine hands back for one tick."""
+
+    actuators: Floats
+    """(n, motors) commands in 0…1, rows in the engine's vehicle order."""
+    outbox: Outbox
+    status: Sequence[InstanceStatus] | None = None
+    """Per vehicle; `None` means all are ready."""
+
+
+class Engine(Protocol):
+    """All aircraft of one autopilot kind, stepped together: first `begin` on all engines, then `finish`."""
+
+    name: str
+    vehicles: Sequence[str]
+    """Vehicle ids, in the row order of every array that crosses this boundary."""
+    service_ns: Time
+    """How often its serial ports are served: mail comes only at multiples of it."""
+    ports: Sequence[Port]
+    clock: Literal["lockstep", "wall"]
+    repeatable: Literal["bytes", "outcome"]
+    preroll_ns: Time
+    """How long before time 0 it must be ticked to boot (0 for the builtin)."""
+
+    def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
+        """Hand the tick's sensors and the mail that came since the last service to all instances."""
+        ...
+
+    def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
+        """Collect what they answer, waiting at most `wall_deadline_s` of wall time for a program."""
+        ...
+
+
+class World(Protocol):
+    """Owner of truth: bodies in a city, advanced by a fixed quantum."""
+
+    quantum_ns: Time
+    vehicles: Sequence[str]
+
+    def advance(self, now: Time) -> Sequence[Note]:
+        """Move all bodies from the last tick to `now` under the last actuators; say what happened."""
+        ...
+
+    def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
+        """The sensors of some vehicles."""
+        ...
+
+    def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
+        """Set the motor commands that hold until the next tick."""
+        ...
+
+    def truth(self) -> Mapping[str, NDArray[np.float64]]:
+        """Named (n,) columns of the true state, in vehicle order; copies, units in the names."""
+        ...
+
+
+class Observer(Protocol):
+    """Sees everything, alters nothing. The kernel calls it in simulated-time order of completion."""
+
+    def on_frame(self, frame: Frame) -> None:
+        """A frame reached its fate: delivered, lost, dropped, replaced, or still in flight at the end."""
+        ...
+
+    def on_note(self, now: Time, source: str, note: Note) -> None:
+        """An agent, engine, the world or the kernel noted something."""
+        ...
+
+    def on_label(self, label: Label) -> None:
+        """A hostile tap or agent acted."""
+        ...
+
+    def on_truth(self, now: Time, world: World) -> None:
+        """A tick has ended; called every tick that the observer's `truth_period_ns` asks for."""
+        ...
+
+    truth_period_ns: Time

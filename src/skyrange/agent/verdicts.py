@@ -1,0 +1,62 @@
+"""What may a tap decide about a frame, and what is written down when it was hostile?"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+from skyrange.core.ids import FrameId
+from skyrange.core.time import Time
+
+Direction = Literal["fwd", "rev"]
+
+
+class Pass(NamedTuple):
+    """Let it go on."""
+
+
+class Drop(NamedTuple):
+    """Take it off the link."""
+
+
+class Delay(NamedTuple):
+    """Hold it until `until`; the taps after this one see it then."""
+
+    until: Time
+
+
+class Replace(NamedTuple):
+    """Send `payload` in its place: a new frame, whose parent is the old one."""
+
+    payload: bytes
+
+
+class Inject(NamedTuple):
+    """Put a new frame on the link in `direction`, claiming `src` and `dst`.
+
+    It meets only what lies after the tap that way. `parent` names the frame it replays, if any.
+    """
+
+    payload: bytes
+    direction: Direction
+    src: str
+    dst: str
+    parent: FrameId | None = None
+
+
+Verdict = Pass | Drop | Delay | Replace | Inject
+
+
+class Label(NamedTuple):
+    """One hostile act, written by the kernel: who did what to which frame, and when.
+
+    `frame` is the frame acted on or put on the link; `child` the one that a replacement put in its
+    place. `until_ns` is set for delays.
+    """
+
+    at_ns: Time
+    attack: str
+    actor: str
+    action: str  # drop | delay | replace | inject | send
+    frame: FrameId
+    child: FrameId | None = None
+    until_ns: Time | None = None

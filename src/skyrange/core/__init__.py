@@ -1,0 +1,1 @@
+"""What every part shares: time, ids, geodesy, volumes, addressed chance, errors."""

@@ -1,0 +1,83 @@
+"""Who is at fault, with what value, what was expected, and what to do about it?
+
+Exit codes (also of the command line): 2 bad input, 3 a component failed, 4 the run fell short.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+class SkyrangeError(Exception):
+    """Base of every error this library raises on purpose."""
+
+    exit_code = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing wrong with an input.
+
+    `where` names the file, line or key; `value` is what stood there, as text; `expected` says what
+    should have; `hint` says what to do and may be empty.
+    """
+
+    where: str
+    value: str
+    expected: str
+    hint: str = ""
+
+    def __str__(self) -> str:
+        line = f"{self.where}: {self.value} — expected {self.expected}"
+        return f"{line}. {self.hint}" if self.hint else line
+
+
+class InputError(SkyrangeError):
+    """A scenario, a file or an argument is wrong; carries all its faults at once."""
+
+    exit_code = 2
+
+    def __init__(self, who: str, faults: Sequence[Fault]) -> None:
+        """`who` is to blame (a file's name, "scenario", an option); `faults` is not empty."""
+        self.who = who
+        self.faults = tuple(faults)
+        lines = "\n".join(f"  {fault}" for fault in self.faults)
+        super().__init__(f"{who}:\n{lines}" if len(self.faults) > 1 else f"{who}: {self.faults[0]}")
+
+    @classmethod
+    def one(cls, who: str, where: str, value: object, expected: str, hint: str = "") -> InputError:
+        """An error with a single fault."""
+        return cls(who, [Fault(where, value if isinstance(value, str) else repr(value), expected, hint)])
+
+
+class ComponentError(SkyrangeError):
+    """An agent, tap, engine or peer broke its contract or fell silent."""
+
+    exit_code = 3
+
+    def __init__(self, who: str, problem: str, hint: str = "") -> None:
+        self.who = who
+        super().__init__(f"{who}: {problem}" + (f". {hint}" if hint else ""))
+
+
+class ShortfallError(SkyrangeError):
+    """The run ended before it did what was asked; what was recorded is whole."""
+
+    exit_code = 4
+
+
+class DecodeError(SkyrangeError):
+    """Bytes that are not what they should be; the only error a decoder raises."""
+
+    exit_code = 3
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """A hint naming the known spelling closest to `word`, or listing all of a few, or ""."""
+    options = sorted(set(known))
+    close = difflib.get_close_matches(word, options, n=1, cutoff=0.6)
+    if close:
+        return f"Did you mean {close[0]!r}?"
+    return f"Known: {', '.join(options)}." if 0 < len(options) <= 12 else ""

@@ -1,0 +1,69 @@
+"""What is everything called? Vehicles, endpoints, link instances, frames — and their stable hashes.
+
+`blue/b1` is a vehicle, `blue/b1.autopilot` one of its endpoints, `gcs:blue/b1` one link instance.
+These names stand in every log, label and figure, and they address chance, so they never depend on
+the order in which things were registered.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import lru_cache
+from hashlib import blake2b
+from typing import NamedTuple
+
+ID_PATTERN = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")
+"""Operator, vehicle and attack ids: they become file names and parts of link names."""
+
+APPROVAL = "approval"
+ORACLE = "oracle"
+
+
+class Port(NamedTuple):
+    """One end of one link, as its owner sees it: where an agent sends from and receives at."""
+
+    endpoint: str
+    link: str
+
+
+class FrameId(NamedTuple):
+    """Identity of a frame: the link, its direction, who truly sent it there, and that sender's serial number there."""
+
+    link: str
+    direction: str
+    sender: str
+    serial: int
+
+    def __str__(self) -> str:
+        return f"{self.link}:{self.direction}:{self.sender}#{self.serial}"
+
+
+def vehicle_id(operator: str, vehicle: str) -> str:
+    """`operator/vehicle`, unique in the range."""
+    return f"{operator}/{vehicle}"
+
+
+def operator_of(vehicle: str) -> str:
+    """The operator's part of a vehicle id."""
+    return vehicle.split("/", 1)[0]
+
+
+def endpoint(owner: str, role: str) -> str:
+    """`owner.role`: `blue/b1.autopilot`, `blue.gcs`."""
+    return f"{owner}.{role}"
+
+
+def owner_of(endpoint_name: str) -> str:
+    """The vehicle or operator that an endpoint belongs to."""
+    return endpoint_name.rsplit(".", 1)[0]
+
+
+def link_name(kind: str, owner: str) -> str:
+    """`kind:owner`, the name of a link instance: `gcs:blue/b1`, `approval:blue`."""
+    return f"{kind}:{owner}"
+
+
+@lru_cache(maxsize=65_536)
+def hash64(text: str) -> int:
+    """A 64-bit address of a name, the same on every machine (BLAKE2b, 8 bytes, little endian)."""
+    return int.from_bytes(blake2b(text.encode(), digest_size=8).digest(), "little")

@@ -1,0 +1,69 @@
+"""What is time here? Integer nanoseconds since the scenario's start, and their place in UTC.
+
+Nothing in simulated code reads a clock: time is passed in (DESIGN: "time belongs to the kernel").
+Negative times are the pre-roll, in which real engines boot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from enum import IntEnum
+
+Time = int
+"""A moment or a span in integer nanoseconds of simulated time."""
+
+NS_PER_US = 1_000
+NS_PER_MS = 1_000_000
+NS_PER_S = 1_000_000_000
+
+NEVER: Time = 2**63 - 1
+"""Later than any moment a run can reach (292 years)."""
+
+
+class Phase(IntEnum):
+    """The order of what happens in one instant."""
+
+    WORLD = 0
+    ENGINES = 1
+    MEDIUM = 2
+    DELIVERY = 3
+    WAKEUP = 4
+
+
+def from_seconds(seconds: float) -> Time:
+    """Nanoseconds nearest to `seconds`; ties to even, exact for multiples of 1 ns below 2**53 ns."""
+    return round(seconds * NS_PER_S)
+
+
+def to_seconds(time: Time) -> float:
+    """Seconds as a float, for people and for tables that promise no exactness."""
+    return time / NS_PER_S
+
+
+def ceil_to(time: Time, grid: Time) -> Time:
+    """The first multiple of `grid` that is not before `time`; `time` itself where `grid` is 0."""
+    return time if grid <= 0 else -(-time // grid) * grid
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """Where simulated time 0 lies in UTC (leap seconds ignored, as Unix time does)."""
+
+    unix_ns: int
+
+    @classmethod
+    def from_datetime(cls, moment: datetime) -> Epoch:
+        """An aware datetime is converted; a naive one is taken as UTC."""
+        aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+        since = aware - datetime(1970, 1, 1, tzinfo=UTC)
+        return cls((since.days * 86_400 + since.seconds) * NS_PER_S + since.microseconds * NS_PER_US)
+
+    def utc_us(self, time: Time) -> int:
+        """Microseconds since 1970-01-01T00:00:00Z: the unit of SYSTEM_TIME, tlog and pcapng."""
+        return (self.unix_ns + time) // NS_PER_US
+
+    def iso(self, time: Time) -> str:
+        """ISO 8601 with milliseconds and Z, as CSV files carry it."""
+        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=self.utc_us(time))
+        return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
