@@ -35,7 +35,13 @@ class FrameId(NamedTuple):
     serial: int
 
     def __str__(self) -> str:
-        return f"{self.link}:{self.direction}:{self.sender}#{self.serial}"
+        return f"{self.link}|{self.direction}|{self.sender}|{self.serial}"
+
+    @classmethod
+    def parse(cls, text: str) -> FrameId:
+        """The id that `str` wrote; `ValueError` on anything else."""
+        link, direction, sender, serial = text.split("|")
+        return cls(link, direction, sender, int(serial))
 
 
 def vehicle_id(operator: str, vehicle: str) -> str:

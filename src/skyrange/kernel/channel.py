@@ -1,0 +1,83 @@
+"""When does a frame come out of a fixed channel, if it does?
+
+The order of effects is that of a network interface: bounded queue, serialisation at the rate, then
+propagation with jitter. Chance is addressed by the caller; what state there is (the queue and the
+last arrival) is queueing, which is modelled interference between frames.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skyrange.agent.frames import Fate
+from skyrange.agent.links import Channel
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+
+RETRANSMIT_MIN_NS = 200 * NS_PER_MS
+"""Least retransmission time-out of a reliable link: Linux's TCP_RTO_MIN (RFC 6298 §2.4 would have 1 s)."""
+RETRANSMIT_MAX_NS = 60 * NS_PER_S
+"""Bound of the doubling (RFC 6298 §2.5 asks for at least 60 s)."""
+
+Uniforms = tuple[float, float, float, float]
+NO_CHANCE: Uniforms = (1.0, 0.0, 1.0, 1.0)
+"""Stands in where a channel is not random: never lost, no jitter, never doubled, never reordered."""
+
+
+class ChannelState:
+    """One direction of one link's fixed channel, with its queue."""
+
+    __slots__ = ("_busy_until", "_last_arrival", "spec")
+
+    def __init__(self, spec: Channel) -> None:
+        self.spec = spec
+        self._busy_until: Time = -(2**62)
+        self._last_arrival: Time = -(2**62)
+
+    def carry(self, now: Time, size: int, luck: Uniforms) -> tuple[Fate, Time, Time | None]:
+        """Send `size` bytes at `now`: (fate, arrival, arrival of a duplicate or None).
+
+        `luck` holds the uniforms for loss, jitter, duplication and reordering. The arrival counts
+        only when the fate is DELIVERED.
+        """
+        spec = self.spec
+        ready = now
+        if spec.rate_bps > 0.0:
+            waiting_ns = max(0, self._busy_until - now)
+            if waiting_ns * spec.rate_bps / (8 * NS_PER_S) + size > spec.queue_bytes:
+                return Fate.OVERFLOW, now, None
+            ready = now + waiting_ns + math.ceil(size * 8 * NS_PER_S / spec.rate_bps)
+            self._busy_until = ready
+        arrival = ready + spec.latency_ns
+        if not spec.random:
+            arrival = max(arrival, self._last_arrival)
+            self._last_arrival = arrival
+            return Fate.DELIVERED, arrival, None
+        arrival += int(luck[1] * spec.jitter_ns)
+        if spec.mode == "reliable":
+            arrival = max(arrival + self._retransmission_ns(luck[0]), self._last_arrival)
+            self._last_arrival = arrival
+            return Fate.DELIVERED, arrival, None
+        if luck[0] < spec.loss:
+            return Fate.LOST, now, None
+        if luck[3] < spec.reorder:
+            arrival = max(arrival, self._last_arrival) + spec.reorder_ns
+        else:
+            arrival = max(arrival, self._last_arrival)
+            self._last_arrival = arrival
+        # the copy takes a path of its own and comes a propagation delay later, as a late link-layer repeat does
+        twin = arrival + spec.latency_ns if luck[2] < spec.duplicate else None
+        return Fate.DELIVERED, arrival, twin
+
+    def _retransmission_ns(self, luck: float) -> Time:
+        """Delay by repeated losses: the time-out doubles at each (RFC 6298 §5.5); no fast retransmit is modelled."""
+        loss = self.spec.loss
+        if luck >= loss:
+            return 0
+        # `luck` < loss**n exactly when n attempts in a row were lost: one draw serves all of them
+        losses = 64 if loss >= 1.0 or luck <= 0.0 else min(64, int(math.log(luck) / math.log(loss)))
+        timeout = max(RETRANSMIT_MIN_NS, 2 * self.spec.latency_ns)
+        total = 0
+        for _ in range(losses):
+            total += timeout
+            timeout = min(2 * timeout, RETRANSMIT_MAX_NS)
+        return total

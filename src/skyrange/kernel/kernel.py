@@ -1,0 +1,247 @@
+"""What happens next? One loop over one heap, in an order that no registration can change.
+
+An event's key is (time and phase, lane or group name, sender or owner name, that sender's serial), so
+ties are settled by names. World ticks and engines are not in the heap: they recur on a grid, first
+in their instant. `advance(until)` runs every instant after `now` up to and including `until`; two
+kernels that exchange their `Transit`s at barriers no longer than the least latency between them
+equal one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from heapq import heappop, heappush
+
+from skyrange.agent.contracts import Agent, InstanceStatus, Observer
+from skyrange.agent.links import AttackPlan
+from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
+from skyrange.agent.verdicts import Label
+from skyrange.core.chance import Chance
+from skyrange.core.errors import ComponentError, SkyrangeError
+from skyrange.core.ids import Port
+from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
+from skyrange.kernel.lane import Mailbox, Transit
+from skyrange.kernel.traffic import Code, Traffic, acts
+from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
+
+_WAKEUP = int(Phase.WAKEUP)
+_STEP = int(Code.STEP)
+
+
+class _Seat:
+    """An agent in the kernel: its mail, and when it is next stepped."""
+
+    __slots__ = ("agent", "attack", "box")
+
+    def __init__(self, agent: Agent, attack: AttackPlan | None) -> None:
+        self.agent = agent
+        self.attack = attack
+        self.box = Mailbox(agent.name, agent.service_ns, polled=False)
+
+
+class _Berth:
+    """An engine in the kernel: its mail, and how its instances were when last seen."""
+
+    __slots__ = ("box", "engine", "rows", "status")
+
+    def __init__(self, mount: EngineMount) -> None:
+        self.engine = mount.engine
+        self.rows = mount.rows
+        self.box = Mailbox(mount.engine.name, mount.engine.service_ns, polled=True)
+        self.status = [InstanceStatus.READY if mount.engine.preroll_ns == 0 else InstanceStatus.BOOTING] * len(
+            mount.engine.vehicles
+        )
+
+
+class Kernel:
+    """Runs a `Wiring` in virtual time, telling `observers` everything."""
+
+    def __init__(self, wiring: Wiring, observers: Sequence[Observer] = ()) -> None:
+        """Raises `InputError` where the wiring does not fit together."""
+        check(wiring)
+        lanes = lanes_of(wiring, Chance(wiring.seed))
+        taps = place_taps(wiring, lanes)
+        seats = [_Seat(agent, None) for agent in wiring.agents]
+        seats += [_Seat(agent, plan) for plan in wiring.attacks for agent in plan.agents]
+        self._seats = {seat.agent.name: seat for seat in seats}
+        self._berths = sorted((_Berth(mount) for mount in wiring.engines), key=lambda berth: berth.engine.name)
+        self._ports = sending_lanes(lanes)
+        self._traffic = Traffic(lanes, observers)
+        self._world = wiring.world
+        self._policies = (wiring.on_silent, wiring.on_unready)
+        self._wall_deadline_s = wiring.wall_deadline_s
+        self._ended = False
+        owners = [(port, seat.box) for seat in seats for port in seat.agent.ports]
+        owners += [(port, berth.box) for berth in self._berths for port in berth.engine.ports]
+        attach_routes(wiring, lanes, {port for port, _ in owners})
+        incoming = {Port(lane.dst, lane.link): lane for lane in lanes.values()}
+        for port, box in owners:
+            if port not in incoming:
+                raise ComponentError(box.name, f"owns the port {port.endpoint} on {port.link}, which is no link's end")
+            incoming[port].receiver = box
+        quantum = self._world.quantum_ns if self._world is not None else 0
+        preroll = max((berth.engine.preroll_ns for berth in self._berths), default=0)
+        start = -ceil_to(preroll, quantum)
+        self.now: Time = start - 1
+        """Everything up to and including this instant has happened."""
+        self._quantum = quantum
+        self._next_tick: Time = start if quantum else NEVER
+        self._next_truth: Time = 0
+        for seat in seats:
+            self._schedule_seat(seat, self.now)
+        for slot in taps:
+            self._traffic.schedule_tap(slot, self.now)
+
+    @property
+    def observers(self) -> Sequence[Observer]:
+        """Whom the kernel tells everything."""
+        return self._traffic.observers
+
+    # ---------------------------------------------------------------- the loop
+
+    def advance(self, until: Time, inbound: Sequence[Transit] = ()) -> list[Transit]:
+        """Run every instant not after `until`; `inbound` are frames from other kernels, each still to arrive.
+
+        Returns the frames that left for endpoints of other kernels. Raises `ComponentError` when a
+        component breaks its contract; what happened before is with the observers.
+        """
+        if self._ended:
+            raise ComponentError("kernel", "cannot advance after finish")
+        if until < self.now:
+            raise ComponentError("kernel", f"cannot go back from {self.now} to {until} ns")
+        traffic = self._traffic
+        heap = traffic.heap
+        for transit in inbound:
+            if transit.arrival <= self.now:
+                raise ComponentError(
+                    "kernel", f"inbound frame {transit.frame.id} is late: {transit.arrival} ≤ {self.now}"
+                )
+            traffic.land(*transit)
+        last = (until << 3) | 7
+        while True:
+            head = heap[0][0] if heap else last + 1
+            if self._next_tick <= until and (self._next_tick << 3) <= head:
+                self._tick(self._next_tick)
+                self._next_tick += self._quantum
+                continue
+            if head > last:
+                break
+            key, _, _, _, code, data = heappop(heap)
+            if code == _STEP:
+                if data.due == key >> 3:
+                    self._step(key >> 3, data)
+            else:
+                traffic.handle(key >> 3, code, data)
+        self.now = until
+        outbound, traffic.outbound = traffic.outbound, []
+        return outbound
+
+    def finish(self) -> None:
+        """End the run at `now`: frames still under way are recorded as such. Idempotent."""
+        if not self._ended:
+            self._ended = True
+            self._traffic.strand_all(self.now)
+
+    def fork(self, observers: Sequence[Observer]) -> Kernel:
+        """A second kernel in the same state, which tells `observers`; both continue identically."""
+        mine, self._traffic.observers = self._traffic.observers, []
+        try:
+            twin = deepcopy(self)
+        finally:
+            self._traffic.observers = mine
+        twin._traffic.observers = list(observers)
+        return twin
+
+    # ---------------------------------------------------------------- world and engines
+
+    def _tick(self, now: Time) -> None:
+        world = self._world
+        assert world is not None
+        for note in world.advance(now):
+            self._note(now, "world", note)
+        for berth in self._berths:
+            box = berth.box
+            inbox = box.collect() if box.pending and now % box.service_ns == 0 else EMPTY_INBOX
+            berth.engine.begin(now, world.sensors(berth.rows), inbox)
+        for berth in self._berths:
+            finished = berth.engine.finish(now, self._wall_deadline_s)
+            world.actuate(berth.rows, finished.actuators)
+            if finished.status is not None:
+                self._check_status(now, berth, finished.status)
+            if finished.outbox.departures or finished.outbox.notes:
+                self._dispatch(now, berth.engine.name, finished.outbox, None)
+        if now >= self._next_truth:
+            for observer in self._traffic.observers:
+                observer.on_truth(now, world)
+            periods = [observer.truth_period_ns for observer in self._traffic.observers]
+            self._next_truth = now + max(min(periods, default=self._quantum), self._quantum)
+
+    def _check_status(self, now: Time, berth: _Berth, status: Sequence[InstanceStatus]) -> None:
+        gone: list[str] = []
+        for index, (vehicle, was, is_now) in enumerate(zip(berth.engine.vehicles, berth.status, status, strict=True)):
+            if is_now != was:
+                berth.status[index] = is_now
+                self._note(now, berth.engine.name, Note(f"event.engine_{is_now}", vehicle, {"was": str(was)}))
+                if is_now in (InstanceStatus.SILENT, InstanceStatus.DEAD):
+                    gone.append(f"{vehicle} ({is_now})")
+        on_silent, on_unready = self._policies
+        if gone and on_silent == "stop":
+            raise ComponentError(
+                f"engine {berth.engine.name}",
+                f"{', '.join(gone)} gave no answer for the step at {to_seconds(now):.4f} s",
+                'Set on_silent = "continue" to let the others fly on',
+            )
+        if now == 0 and on_unready == "fail":
+            booting = [v for v, s in zip(berth.engine.vehicles, status, strict=True) if s is InstanceStatus.BOOTING]
+            if booting:
+                raise ComponentError(
+                    f"engine {berth.engine.name}",
+                    f"{', '.join(booting)} still booting at time 0",
+                    'Set on_unready = "wait" to let them come later',
+                )
+
+    # ---------------------------------------------------------------- agents
+
+    def _step(self, now: Time, box: Mailbox) -> None:
+        box.due = None
+        seat = self._seats[box.name]
+        try:
+            outbox = seat.agent.step(now, box.collect())
+        except SkyrangeError:
+            raise
+        except Exception as error:
+            raise ComponentError(f"agent {box.name}", f"raised {error!r} at {to_seconds(now):.6f} s") from error
+        self._dispatch(now, box.name, outbox, seat.attack)
+        self._schedule_seat(seat, now)
+
+    def _schedule_seat(self, seat: _Seat, now: Time) -> None:
+        wish = seat.agent.next_wakeup()
+        if wish is None:
+            return
+        service = seat.box.service_ns
+        due = ceil_to(max(wish, now + 1), service)
+        if seat.box.due is None or due < seat.box.due:
+            seat.box.due = due
+            heappush(self._traffic.heap, ((due << 3) | _WAKEUP, "agent", seat.box.name, 0, _STEP, seat.box))
+
+    def _dispatch(self, now: Time, name: str, outbox: Outbox, attack: AttackPlan | None) -> None:
+        for note in outbox.notes:
+            self._note(now, name, note)
+        if not acts(attack, now):
+            return
+        ports, traffic = self._ports, self._traffic
+        for port, payload, causes in outbox.departures:
+            lane = ports.get(port)
+            if lane is None:
+                raise ComponentError(
+                    f"agent {name}", f"sent from {port.endpoint} on {port.link}, which is no link's end"
+                )
+            frame = lane.frame(lane.src, now, payload, lane.src, lane.dst, None, causes)
+            if attack is not None:
+                traffic.label(Label(now, attack.id, name, "send", frame.id))
+            traffic.transmit(now, lane, frame, 0)
+
+    def _note(self, now: Time, source: str, note: Note) -> None:
+        for observer in self._traffic.observers:
+            observer.on_note(now, source, note)

@@ -1,0 +1,139 @@
+"""What is one direction of a link made of? Its taps in order, its channel, and where it leads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from skyrange.agent.contracts import Tap
+from skyrange.agent.frames import Frame
+from skyrange.agent.links import AttackPlan, LinkSpec, Route
+from skyrange.agent.messages import Arrival, Inbox
+from skyrange.core.chance import Chance
+from skyrange.core.ids import FrameId, hash64
+from skyrange.core.time import Time
+from skyrange.kernel.channel import NO_CHANCE, ChannelState, Uniforms
+
+
+class TapSlot:
+    """A placed tap: the tap, its endpoint name, and the attack that answers for it."""
+
+    __slots__ = ("attack", "due", "lanes", "name", "tap")
+
+    def __init__(self, tap: Tap, name: str, attack: AttackPlan | None) -> None:
+        self.tap = tap
+        self.name = name
+        self.attack = attack
+        self.due: Time | None = None
+        self.lanes: dict[str, tuple[Lane, int, bool]] = {}
+        """Per direction: the lane, the stage *after* this tap, and whether that is on the sending side."""
+
+
+class Lane:
+    """One direction of one link instance."""
+
+    __slots__ = (
+        "_addresses",
+        "_chance",
+        "_drawn",
+        "_serials",
+        "channel",
+        "direction",
+        "dst",
+        "forwards",
+        "fused",
+        "in_taps",
+        "link",
+        "local",
+        "name",
+        "out_taps",
+        "receiver",
+        "src",
+    )
+
+    def __init__(self, spec: LinkSpec, direction: str, chance: Chance) -> None:
+        self.link = spec.name
+        self.direction = direction
+        self.name = f"{spec.name}:{direction}"
+        self.src, self.dst = (spec.a, spec.b) if direction == "fwd" else (spec.b, spec.a)
+        self.channel = ChannelState(spec.channel)
+        self.out_taps: list[TapSlot] = []
+        self.in_taps: list[TapSlot] = []
+        self.forwards: list[Forward] = []
+        """Where the receiving endpoint's routes lead."""
+        self.fused: list[Forward] | None = None
+        """The same routes where they may be followed at sending time; `None` where they may not."""
+        self.receiver: Mailbox | None = None
+        self.local = True
+        self._chance = chance
+        self._serials: dict[str, int] = {}
+        self._addresses: dict[str, int] = {}
+        self._drawn: dict[str, tuple[Time, int]] = {}
+
+    def frame(
+        self,
+        sender: str,
+        now: Time,
+        payload: bytes,
+        src: str,
+        dst: str,
+        parent: FrameId | None = None,
+        causes: tuple[FrameId, ...] = (),
+    ) -> Frame:
+        """A new frame of `sender` on this lane, with that sender's next serial."""
+        serial = self._serials.get(sender, 0)
+        self._serials[sender] = serial + 1
+        return Frame(self.link, self.direction, sender, serial, src, dst, now, payload, parent, causes)
+
+    def luck(self, sender: str, now: Time) -> Uniforms:
+        """The draws of `sender`'s k-th frame on this lane at `now`; k is counted among that sender's only."""
+        if not self.channel.spec.random:
+            return NO_CHANCE
+        last, k = self._drawn.get(sender, (None, 0))
+        k = k + 1 if last == now else 0
+        self._drawn[sender] = (now, k)
+        address = self._addresses.get(sender)
+        if address is None:
+            address = self._addresses[sender] = hash64(f"{self.name}|{sender}")
+        return self._chance.uniform4("link", address, now, k)
+
+
+class Forward(NamedTuple):
+    """A route as the kernel follows it."""
+
+    route: Route
+    lane: Lane
+
+
+@dataclass(slots=True)
+class Mailbox:
+    """What has arrived for an agent or an engine and waits for its service time."""
+
+    name: str
+    service_ns: Time
+    polled: bool
+    """An engine's mail is collected by its ticks; an agent's mail wakes it."""
+    due: Time | None = None
+    pending: list[Arrival] = field(default_factory=list)
+
+    def collect(self) -> Inbox:
+        """Empty the box."""
+        mail, self.pending = self.pending, []
+        return Inbox(mail)
+
+
+@dataclass(slots=True)
+class Forwarder:
+    """What waits at an endpoint to be sent on along one of its routes."""
+
+    forward: Forward
+    due: Time | None = None
+    frames: list[Frame] = field(default_factory=list)
+
+
+class Transit(NamedTuple):
+    """A frame on its way from one kernel to another: it comes out of its channel at `arrival`."""
+
+    arrival: Time
+    lane: str
+    frame: Frame

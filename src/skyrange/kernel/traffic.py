@@ -1,0 +1,333 @@
+"""How does a frame travel? Taps, channel, taps, and on along declared routes, to its recorded fate.
+
+Order on a link: sender, sender-side taps, channel, receiver-side taps, receiver; an injected frame
+meets only the taps after its own. Everything that takes time becomes an event in `heap`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from heapq import heappush
+from typing import Any
+
+from skyrange.agent.contracts import Observer
+from skyrange.agent.frames import Fate, Frame
+from skyrange.agent.links import MIN_LATENCY_NS, AttackPlan
+from skyrange.agent.messages import Arrival
+from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
+from skyrange.core.errors import ComponentError
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import NEVER, Phase, Time, ceil_to
+from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
+
+_DELIVERY = int(Phase.DELIVERY)
+_WAKEUP = int(Phase.WAKEUP)
+
+
+class Code(IntEnum):
+    """What an event in the heap does."""
+
+    ARRIVE = 0  # a frame comes out of its channel, or of a receiver-side delay
+    RESUME = 1  # a frame leaves a sender-side delay
+    CLOSE = 2  # frames whose journey ended on the way are recorded
+    FORWARD = 3  # an endpoint's route sends on what waits
+    TAP = 4  # a tap acts on its own initiative
+    STEP = 5  # an agent is stepped
+
+
+# Plain ints: enum look-ups cost more than the events they name.
+_ARRIVE, _RESUME, _CLOSE, _FORWARD, _TAP, _STEP = (int(code) for code in Code)
+
+Event = tuple[int, str, str, int, int, Any]
+"""(time << 3 | phase, lane or group, sender or owner, that sender's serial, code, what the code needs)."""
+
+
+def acts(attack: AttackPlan | None, now: Time) -> bool:
+    """Whether what a tap or agent of `attack` puts out counts: always without one."""
+    return attack is None or (not attack.muted and attack.start_ns <= now < attack.stop_ns)
+
+
+class Traffic:
+    """All frames under way in one kernel."""
+
+    def __init__(self, lanes: dict[str, Lane], observers: Sequence[Observer]) -> None:
+        self.heap: list[Event] = []
+        self.observers = list(observers)
+        self.outbound: list[Transit] = []
+        self.lanes = lanes
+        self._forwarders: dict[str, Forwarder] = {}
+
+    def handle(self, now: Time, code: int, data: Any) -> None:
+        """Carry out one event of the heap that is not an agent's step."""
+        if code == _ARRIVE:
+            self._arrive(now, *data)
+        elif code == _FORWARD:
+            self._forward(now, data)
+        elif code == _RESUME:
+            self.transmit(now, *data)
+        elif code == _TAP:
+            if data.due == now:
+                self._wake_tap(now, data)
+        else:
+            self.close(data)
+
+    def land(self, arrival: Time, lane_name: str, frame: Frame) -> None:
+        """Take over a frame that another kernel sent."""
+        self._push(arrival, lane_name, frame, _ARRIVE, (self.lanes[lane_name], frame, 0, None))
+
+    def strand_all(self, now: Time) -> None:
+        """The run ends at `now`: record every frame still under way."""
+        for entry in sorted(self.heap, key=lambda entry: entry[:4]):
+            code, data = entry[4], entry[5]
+            if code == _ARRIVE:
+                self._strand(now, [*(data[3] or ()), data[1]])
+            elif code == _RESUME:
+                self._strand(now, [data[1]])
+            elif code == _CLOSE:
+                self._strand(now, data)
+        self.heap.clear()
+
+    # ---------------------------------------------------------------- taps
+
+    def _judge(self, now: Time, lane: Lane, frame: Frame, stage: int, sending: bool) -> Frame | None:
+        """Show a frame to the taps from `stage` on: what goes on, or `None` where it was taken or held."""
+        taps = lane.out_taps if sending else lane.in_taps
+        for index in range(stage, len(taps)):
+            slot = taps[index]
+            verdicts = slot.tap.on_frame(now, frame)
+            if verdicts and (acts(slot.attack, now)):
+                passed = self._apply(now, slot, lane, frame, index + 1, sending, verdicts)
+                if passed is None:
+                    self.schedule_tap(slot, now)
+                    return None
+                frame = passed
+            self.schedule_tap(slot, now)
+        return frame
+
+    def _apply(
+        self, now: Time, slot: TapSlot, lane: Lane, frame: Frame, stage: int, sending: bool, verdicts: Sequence[Verdict]
+    ) -> Frame | None:
+        until: Time | None = None
+        drop = False
+        replacement: bytes | None = None
+        for verdict in verdicts:
+            if isinstance(verdict, Inject):
+                self._inject(now, slot, verdict)
+            elif isinstance(verdict, Delay):
+                until = verdict.until
+            elif isinstance(verdict, Replace):
+                replacement = verdict.payload
+            elif isinstance(verdict, Drop):
+                drop = True
+            elif not isinstance(verdict, Pass):
+                raise ComponentError(f"tap {slot.name}", f"answered a frame with {verdict!r}, which is no verdict")
+        if drop:
+            if until is not None or replacement is not None:
+                raise ComponentError(f"tap {slot.name}", "dropped a frame and kept it in one answer")
+            self._act(now, slot, "drop", frame.id)
+            frame.fate = Fate.DROPPED
+            self.close([frame])
+            return None
+        if replacement is not None:
+            child = lane.frame(slot.name, now, replacement, frame.src, frame.dst, frame.id)
+            self._act(now, slot, "replace", frame.id, child=child.id)
+            frame.fate = Fate.REPLACED
+            self.close([frame])
+            frame = child
+        if until is not None and until > now:
+            self._act(now, slot, "delay", frame.id, until=until)
+            if sending:
+                self._push(until, lane.name, frame, _RESUME, (lane, frame, stage))
+            else:
+                self._push(until, lane.name, frame, _ARRIVE, (lane, frame, stage, None))
+            return None
+        return frame
+
+    def _inject(self, now: Time, slot: TapSlot, verdict: Inject) -> None:
+        if verdict.direction not in slot.lanes:
+            raise ComponentError(
+                f"tap {slot.name}", f"injected in direction {verdict.direction!r}; fwd or rev was expected"
+            )
+        lane, stage, sending = slot.lanes[verdict.direction]
+        frame = lane.frame(slot.name, now, verdict.payload, verdict.src, verdict.dst, verdict.parent)
+        self._act(now, slot, "inject", frame.id)
+        if sending:
+            self.transmit(now, lane, frame, stage)
+        else:  # past the channel already, but nothing arrives at its own time
+            self._push(now + MIN_LATENCY_NS, lane.name, frame, _ARRIVE, (lane, frame, stage, None))
+
+    def _act(
+        self,
+        now: Time,
+        slot: TapSlot,
+        action: str,
+        frame: FrameId,
+        child: FrameId | None = None,
+        until: Time | None = None,
+    ) -> None:
+        if slot.attack is not None:
+            self.label(Label(now, slot.attack.id, slot.name, action, frame, child, until))
+
+    def _wake_tap(self, now: Time, slot: TapSlot) -> None:
+        slot.due = None
+        effective = acts(slot.attack, now)
+        for verdict in slot.tap.on_wakeup(now):
+            if not isinstance(verdict, Inject):
+                raise ComponentError(f"tap {slot.name}", f"answered a wake-up with {verdict!r}; only Inject fits there")
+            if effective:
+                self._inject(now, slot, verdict)
+        self.schedule_tap(slot, now)
+
+    def schedule_tap(self, slot: TapSlot, now: Time) -> None:
+        """See to it that a tap acts when it next wishes to."""
+        wish = slot.tap.next_wakeup()
+        if wish is None:
+            return
+        due = max(wish, now + 1)
+        if slot.due is None or due < slot.due:
+            slot.due = due
+            heappush(self.heap, ((due << 3) | _WAKEUP, "tap", slot.name, 0, _TAP, slot))
+
+    # ---------------------------------------------------------------- frames
+
+    def transmit(self, now: Time, lane: Lane, frame: Frame, stage: int) -> None:
+        """Sender-side taps from `stage` on, then the channel."""
+        if lane.out_taps:
+            judged = self._judge(now, lane, frame, stage, True)
+            if judged is None:
+                return
+            frame = judged
+        if lane.fused is not None:
+            self._fly(now, lane, lane.fused, frame, [])
+            return
+        fate, arrival, twin = lane.channel.carry(now, len(frame.payload), lane.luck(frame.sender, now))
+        if fate is not Fate.DELIVERED:
+            frame.fate = fate
+            self.close([frame])
+            return
+        self._launch(arrival, lane, frame, None)
+        if twin is not None:
+            self._duplicate(now, twin, lane, frame)
+
+    def _duplicate(self, now: Time, arrival: Time, lane: Lane, frame: Frame) -> None:
+        # the channel is the copy's true sender, so the original sender's serials do not shift
+        copy = lane.frame(f"{lane.link}.channel", now, frame.payload, frame.src, frame.dst, frame.id)
+        self._launch(arrival, lane, copy, None)
+
+    def _launch(self, arrival: Time, lane: Lane, frame: Frame, trail: list[Frame] | None) -> None:
+        if lane.local:
+            heappush(
+                self.heap,
+                ((arrival << 3) | _DELIVERY, lane.name, frame.sender, frame.serial, _ARRIVE, (lane, frame, 0, trail)),
+            )
+        else:
+            self.outbound.append(Transit(arrival, lane.name, frame))
+
+    def _fly(self, now: Time, lane: Lane, forwards: list[Forward], frame: Frame, trail: list[Frame]) -> None:
+        """Follow fused routes at sending time. `trail` holds the hops already flown, to be recorded at the end."""
+        fate, arrival, _ = lane.channel.carry(now, len(frame.payload), lane.luck(frame.sender, now))
+        if fate is not Fate.DELIVERED:
+            frame.fate = fate
+            self._push(now, lane.name, frame, _CLOSE, [*trail, frame])
+            return
+        frame.arrived_ns = arrival
+        frame.fate = Fate.DELIVERED
+        trail.append(frame)
+        for route, target in forwards:
+            if route.select is not None and not route.select(frame.payload):
+                continue
+            sent = ceil_to(arrival, route.service_ns)
+            child = target.frame(route.endpoint, sent, frame.payload, route.endpoint, target.dst, frame.id)
+            if target.fused is not None:
+                self._fly(sent, target, target.fused, child, trail)
+            else:
+                self._hop(sent, target, child, trail)
+            trail = []  # the first branch carries the trail
+        if trail:
+            self._push(arrival, lane.name, frame, _CLOSE, trail)
+
+    def _hop(self, sent: Time, lane: Lane, frame: Frame, trail: list[Frame]) -> None:
+        """The last hop of a fused route."""
+        fate, arrival, twin = lane.channel.carry(sent, len(frame.payload), lane.luck(frame.sender, sent))
+        if fate is not Fate.DELIVERED:
+            frame.fate = fate
+            self._push(sent, lane.name, frame, _CLOSE, [*trail, frame])
+            return
+        self._launch(arrival, lane, frame, trail)
+        if twin is not None:
+            self._duplicate(sent, twin, lane, frame)
+
+    def _arrive(self, now: Time, lane: Lane, frame: Frame, stage: int, trail: list[Frame] | None) -> None:
+        """Out of the channel: receiver-side taps from `stage` on, then whoever is there."""
+        if trail:
+            self.close(trail)
+        if lane.in_taps:
+            judged = self._judge(now, lane, frame, stage, False)
+            if judged is None:
+                return
+            frame = judged
+        frame.arrived_ns = now
+        frame.fate = Fate.DELIVERED
+        self.close([frame])
+        box = lane.receiver
+        if box is not None:
+            box.pending.append(Arrival(Port(lane.dst, lane.link), now, frame.payload, frame.src, frame.id))
+            self._wake_box(now, box)
+        for forward in lane.forwards:
+            route = forward.route
+            if route.select is None or route.select(frame.payload):
+                self._await_forward(now, forward, frame)
+
+    def _wake_box(self, now: Time, box: Mailbox) -> None:
+        if box.polled:  # an engine's: its ticks collect the mail
+            return
+        due = ceil_to(now, box.service_ns)
+        if box.due is None or due < box.due:
+            box.due = due
+            heappush(self.heap, ((due << 3) | _WAKEUP, "agent", box.name, 0, _STEP, box))
+
+    def _await_forward(self, now: Time, forward: Forward, frame: Frame) -> None:
+        route = forward.route
+        name = f"{route.endpoint}|{route.source}|{route.target}"
+        waiting = self._forwarders.get(name)
+        if waiting is None:
+            waiting = self._forwarders[name] = Forwarder(forward)
+        waiting.frames.append(frame)
+        due = ceil_to(now, route.service_ns)
+        if waiting.due != due:
+            waiting.due = due
+            heappush(self.heap, ((due << 3) | _WAKEUP, "", name, 0, _FORWARD, waiting))
+
+    def _forward(self, now: Time, forwarder: Forwarder) -> None:
+        forwarder.due = None
+        frames, forwarder.frames = forwarder.frames, []
+        route, lane = forwarder.forward
+        for frame in frames:
+            child = lane.frame(route.endpoint, now, frame.payload, route.endpoint, lane.dst, frame.id)
+            self.transmit(now, lane, child, 0)
+
+    def _push(self, time: Time, lane: str, frame: Frame, code: int, data: Any) -> None:
+        heappush(self.heap, ((time << 3) | _DELIVERY, lane, frame.sender, frame.serial, code, data))
+
+    # ---------------------------------------------------------------- what observers are told
+
+    def close(self, frames: Sequence[Frame]) -> None:
+        """Tell the observers of frames that have met their fate."""
+        for observer in self.observers:
+            for frame in frames:
+                observer.on_frame(frame)
+
+    def _strand(self, now: Time, frames: Sequence[Frame]) -> None:
+        """Record what of a journey had begun by the end; hops that a fused route flew beyond it never were."""
+        begun = [frame for frame in frames if frame.sent_ns <= now]
+        for frame in begun:
+            if frame.arrived_ns > now and frame.fate in (Fate.DELIVERED, Fate.IN_FLIGHT):
+                frame.arrived_ns = NEVER
+                frame.fate = Fate.IN_FLIGHT
+        self.close(begun)
+
+    def label(self, label: Label) -> None:
+        """Tell the observers of a hostile act."""
+        for observer in self.observers:
+            observer.on_label(label)

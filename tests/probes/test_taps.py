@@ -1,0 +1,302 @@
+"""Probe (a): taps delay, replace and inject on their own initiative; labels and causes are in the record.
+
+Probe (b): an attack muted equals the same attack removed, to the byte, on everybody else's links.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import pytest
+
+from skyrange.agent.frames import Frame
+from skyrange.agent.links import AttackPlan, Channel, TapPlacement
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.agent.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.kernel import Kernel, Wiring
+from tests.probes.toys import MS, ROUGH, Fleet, Log, Station, onboard
+
+VEHICLES = ["blue/b1", "blue/b2"]
+END = 2 * NS_PER_S
+
+
+@dataclass
+class Meddler:
+    """Delays asks, replaces telemetry that holds a 3, drops every tenth frame, injects every 300 ms by itself."""
+
+    link: str
+    seen: int = 0
+    due: Time = 300 * MS
+    heard: list[FrameId] = field(default_factory=list)
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        self.seen += 1
+        self.heard.append(frame.id)
+        if self.seen % 10 == 0:
+            return [Drop()]
+        if frame.payload.startswith(b"ask"):
+            return [Delay(now + 33 * MS)]
+        if b"3" in frame.payload:
+            return [Replace(frame.payload.replace(b"3", b"X"))]
+        return [Pass()]
+
+    def next_wakeup(self) -> Time | None:
+        return self.due
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        self.due = now + 300 * MS
+        vehicle = self.link.split(":")[1]
+        return [
+            Inject(b"forged ask", "fwd", f"{vehicle.split('/')[0]}.gcs", f"{vehicle}.companion", self.heard[0]),
+            Inject(b"forged telemetry", "rev", f"{vehicle}.companion", f"{vehicle.split('/')[0]}.gcs"),
+        ]
+
+
+@dataclass
+class Flooder:
+    """A hostile node of its own, on a link of its own into the companion."""
+
+    name: str = "mitm.node"
+    service_ns: Time = 10 * MS
+    due: Time = 0
+    ports: Sequence[Port] = ()
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        out = Outbox()
+        if now < self.due:
+            return out
+        self.due = now + 100 * MS
+        for port in self.ports:
+            out.send(port, b"flood")
+        return out
+
+    def next_wakeup(self) -> Time | None:
+        return self.due
+
+
+def run(
+    *,
+    attack: AttackPlan | None,
+    side: str = "companion",
+    gcs: Channel | None = None,
+    fuse: bool = True,
+    match: str = "gcs:blue/b1",
+) -> tuple[Log, Station]:
+    links, routes = [], []
+    for vehicle in VEHICLES:
+        some_links, some_routes = onboard(vehicle, gcs)
+        links += some_links
+        routes += some_routes
+    station = Station("blue", VEHICLES)
+    log = Log()
+    taps = [] if attack is None else [TapPlacement(match, side, Meddler, attack.id)]
+    kernel = Kernel(
+        Wiring(
+            seed=11,
+            links=links,
+            routes=routes,
+            agents=[station, Fleet("fleet", VEHICLES)],
+            taps=taps,
+            attacks=[] if attack is None else [attack],
+            fuse=fuse,
+        ),
+        [log],
+    )
+    kernel.advance(END)
+    kernel.finish()
+    return log, station
+
+
+@pytest.mark.parametrize("side", ["gcs", "companion"])
+def test_each_verdict_does_what_it_says_and_is_labelled(side: str) -> None:
+    log, station = run(attack=AttackPlan("mitm"), side=side)
+    by_action = {
+        action: [label for label in log.labels if label.action == action]
+        for action in ("delay", "replace", "inject", "drop")
+    }
+    assert all(by_action.values()), {action: len(rows) for action, rows in by_action.items()}
+    assert {label.attack for label in log.labels} == {"mitm"}
+    assert {label.actor for label in log.labels} == {f"mitm@gcs:blue/b1.{side}"}
+    rows = {(row[1], row[2], row[3], row[4]): row for row in log.frames}
+    for label in by_action["drop"]:
+        assert rows[label.frame][8] == "dropped"
+    for label in by_action["replace"]:
+        assert rows[label.frame][8] == "replaced"
+        assert label.child is not None
+        child = rows[label.child]
+        assert child[10] == str(label.frame)
+        assert child[3] == label.actor
+        assert b"X" in child[9]
+    for label in by_action["delay"]:
+        row = rows[label.frame]
+        assert label.until_ns == label.at_ns + 33 * MS
+        assert row[8] in ("delivered", "in_flight", "dropped")
+        if row[8] == "delivered":
+            assert row[7] >= label.until_ns
+    for label in by_action["inject"]:
+        row = rows[label.frame]
+        assert row[3] == label.actor
+        assert row[5] != row[3], "the claimed source is not the true sender"
+    assert any(payload == b"forged telemetry" for _, payload in station.heard)
+    assert any(payload == b"ack forged ask" for _, payload in station.heard), "the aircraft obeyed the forged ask"
+
+
+def test_a_decision_names_the_forged_frame_that_caused_it() -> None:
+    log, _ = run(attack=AttackPlan("mitm"))
+    parents = {(row[1], row[2], row[3], row[4]): row[10] for row in log.frames}
+    forged = {str(label.frame) for label in log.labels if label.action == "inject" and label.frame.direction == "fwd"}
+    traced = 0
+    for _, _, kind, _, _, causes in log.notes:
+        if kind != "decision.answer":
+            continue
+        (cause,) = causes
+        chain = [str(cause)]
+        while chain[-1] != "None":
+            chain.append(parents[FrameId.parse(chain[-1])])
+        if forged & set(chain):
+            traced += 1
+    assert traced == 6, "the six forged asks that arrived before the end are each traced from a decision"
+
+
+def test_an_injected_frame_meets_only_the_taps_after_its_own() -> None:
+    @dataclass
+    class Witness:
+        link: str
+        saw: list[bytes] = field(default_factory=list)
+
+        def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+            self.saw.append(frame.payload)
+            return ()
+
+        def next_wakeup(self) -> Time | None:
+            return None
+
+        def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+            return ()
+
+    witnesses: dict[str, Witness] = {}
+
+    def witness(name: str):
+        def make(link: str) -> Witness:
+            witnesses[name] = Witness(link)
+            return witnesses[name]
+
+        return make
+
+    links, routes = onboard("blue/b1")
+    kernel = Kernel(
+        Wiring(
+            seed=1,
+            links=links,
+            routes=routes,
+            agents=[Station("blue", ["blue/b1"]), Fleet("fleet", ["blue/b1"])],
+            taps=[
+                TapPlacement("gcs:*", "gcs", witness("gcs outer")),
+                TapPlacement("gcs:*", "gcs", Meddler, "mitm"),
+                TapPlacement("gcs:*", "gcs", witness("gcs inner")),
+                TapPlacement("gcs:*", "companion", witness("companion")),
+            ],
+            attacks=[AttackPlan("mitm")],
+        ),
+        [Log()],
+    )
+    kernel.advance(NS_PER_S)
+    saw = {name: set(tap.saw) for name, tap in witnesses.items()}
+    assert b"forged ask" in saw["gcs inner"]
+    assert b"forged ask" in saw["companion"]
+    assert b"forged ask" not in saw["gcs outer"]
+    assert b"forged telemetry" in saw["gcs outer"]
+    assert b"forged telemetry" not in saw["gcs inner"]
+
+
+def others(log: Log) -> list[tuple[object, ...]]:
+    return [row for row in log.table() if row[1].startswith(("gcs", "log", "autopilot"))]
+
+
+@pytest.mark.parametrize("side", ["gcs", "companion"])
+@pytest.mark.parametrize("gcs", [None, ROUGH], ids=["fixed", "rough"])
+def test_muted_equals_removed(side: str, gcs: Channel | None) -> None:
+    removed, _ = run(attack=None, gcs=gcs)
+    muted, _ = run(attack=AttackPlan("mitm", muted=True), side=side, gcs=gcs)
+    live, _ = run(attack=AttackPlan("mitm"), side=side, gcs=gcs)
+    assert others(muted) == others(removed)
+    assert muted.notes == removed.notes
+    assert muted.labels == []
+    assert live.on("gcs:blue/b1") != removed.on("gcs:blue/b1")
+    assert live.on("gcs:blue/b2", "log:blue/b2", "autopilot:blue/b2") == removed.on(
+        "gcs:blue/b2", "log:blue/b2", "autopilot:blue/b2"
+    ), "a live attack on one aircraft's link changes nothing on another's"
+
+
+def test_a_hostile_node_muted_sends_nothing() -> None:
+    flooder_links = onboard("blue/b1")[0]
+    counts = {}
+    for muted in (True, False):
+        log = Log()
+        plan = AttackPlan("mitm", muted=muted, agents=[Flooder(ports=[Port("blue/b1.proxy", "autopilot:blue/b1")])])
+        kernel = Kernel(
+            Wiring(seed=1, links=flooder_links, agents=[Fleet("fleet", ["blue/b1"])], attacks=[plan]), [log]
+        )
+        kernel.advance(NS_PER_S)
+        kernel.finish()
+        counts[muted] = (len([row for row in log.frames if row[9] == b"flood"]), len(log.labels))
+    assert counts[True] == (0, 0)
+    assert counts[False] == (11, 11), "one at 0 and every 100 ms to the end"
+
+
+def test_an_attack_acts_only_between_start_and_stop() -> None:
+    log, _ = run(attack=AttackPlan("mitm", start_ns=700 * MS, stop_ns=1400 * MS))
+    assert log.labels
+    assert all(700 * MS <= label.at_ns < 1400 * MS for label in log.labels)
+    before, _ = run(attack=AttackPlan("mitm", muted=True))
+    early = [row for row in log.table() if row[7] != -1 and row[7] < 700 * MS]
+    assert early == [row for row in before.table() if row[7] != -1 and row[7] < 700 * MS]
+
+
+@pytest.mark.parametrize("gcs", [None, ROUGH], ids=["fixed", "rough"])
+def test_fusing_cannot_be_told_from_the_record(gcs: Channel | None) -> None:
+    fused, heard = run(attack=None, gcs=gcs)
+    single, heard_single = run(attack=None, gcs=gcs, fuse=False)
+    assert fused.table() == single.table()
+    assert heard.heard == heard_single.heard
+    assert {row[8] for row in fused.frames} >= ({"delivered", "lost", "overflow"} if gcs else {"delivered"})
+
+
+def test_a_tap_on_no_link_or_no_side_is_refused() -> None:
+    with pytest.raises(InputError, match=r"gsc:\*.*link"):
+        run(attack=AttackPlan("mitm"), match="gsc:*")
+    with pytest.raises(InputError, match="one end of"):
+        run(attack=AttackPlan("mitm"), side="proxy")
+
+
+def test_a_tap_that_breaks_its_contract_is_blamed_by_name() -> None:
+    @dataclass
+    class Rogue:
+        link: str
+
+        def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+            return [Drop(), Replace(b"")]
+
+        def next_wakeup(self) -> Time | None:
+            return None
+
+        def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+            return ()
+
+    links, routes = onboard("blue/b1")
+    kernel = Kernel(
+        Wiring(
+            seed=1,
+            links=links,
+            routes=routes,
+            agents=[Station("blue", ["blue/b1"])],
+            taps=[TapPlacement("gcs:*", "gcs", Rogue)],
+        ),
+        [Log()],
+    )
+    with pytest.raises(ComponentError, match=r"tap tap@gcs:blue/b1\.gcs"):
+        kernel.advance(NS_PER_S)

@@ -1,0 +1,233 @@
+"""Small agents, taps, engines and a world: just enough traffic to try the contracts on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, World
+from skyrange.agent.frames import Fate, Frame
+from skyrange.agent.links import Channel, LinkSpec, Route
+from skyrange.agent.messages import Inbox, Note, Outbox
+from skyrange.agent.verdicts import Label
+from skyrange.core.ids import Port
+from skyrange.core.time import NS_PER_MS, Time
+
+MS = NS_PER_MS
+
+
+class Log:
+    """An observer that keeps everything as plain tuples."""
+
+    def __init__(self) -> None:
+        self.frames: list[tuple[object, ...]] = []
+        self.notes: list[tuple[object, ...]] = []
+        self.labels: list[Label] = []
+        self.truth: list[tuple[object, ...]] = []
+        self.truth_period_ns: Time = 10 * MS
+
+    def on_frame(self, frame: Frame) -> None:
+        self.frames.append(
+            (
+                frame.sent_ns,
+                frame.link,
+                frame.direction,
+                frame.sender,
+                frame.serial,
+                frame.src,
+                frame.dst,
+                frame.arrived_ns if frame.fate is Fate.DELIVERED else -1,
+                str(frame.fate),
+                frame.payload,
+                str(frame.parent),
+                frame.causes,
+            )
+        )
+
+    def on_note(self, now: Time, source: str, note: Note) -> None:
+        self.notes.append((now, source, note.kind, note.about, tuple(sorted(note.data.items())), note.causes))
+
+    def on_label(self, label: Label) -> None:
+        self.labels.append(label)
+
+    def on_truth(self, now: Time, world: World) -> None:
+        self.truth.append((now, {name: column.tobytes() for name, column in world.truth().items()}))
+
+    def table(self) -> list[tuple[object, ...]]:
+        """The frames in canonical order: neither fusing nor sharding may show in it."""
+        return sorted(self.frames, key=lambda row: row[:5])
+
+    def on(self, *links: str) -> list[tuple[object, ...]]:
+        """The frames of some links only."""
+        return [row for row in self.table() if row[1] in links]
+
+
+@dataclass
+class Fleet:
+    """Autopilots of many vehicles: each sends a counter every `period` and answers what it is asked."""
+
+    name: str
+    vehicles: Sequence[str]
+    period: Time = 50 * MS
+    service_ns: Time = 10 * MS
+    sent: dict[str, int] = field(default_factory=dict)
+    due: Time = 0
+
+    def __post_init__(self) -> None:
+        self.ports = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in self.vehicles]
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        out = Outbox()
+        for arrival in inbox:
+            out.send(arrival.port, b"ack " + arrival.payload, (arrival.ref,))
+            out.note("decision.answer", arrival.port.endpoint, {"size": len(arrival.payload)}, (arrival.ref,))
+        if now >= self.due:
+            for vehicle, port in zip(self.vehicles, self.ports, strict=True):
+                n = self.sent.get(vehicle, 0)
+                self.sent[vehicle] = n + 1
+                out.send(port, f"{vehicle} telemetry {n}".encode())
+            self.due = now + self.period
+        return out
+
+    def next_wakeup(self) -> Time | None:
+        return self.due
+
+
+@dataclass
+class Station:
+    """A ground station: asks each of its aircraft something every `period`, counts what comes back."""
+
+    operator: str
+    vehicles: Sequence[str]
+    period: Time = 70 * MS
+    service_ns: Time = 20 * MS
+    asked: int = 0
+    heard: list[tuple[Time, bytes]] = field(default_factory=list)
+    due: Time = 0
+
+    def __post_init__(self) -> None:
+        self.name = f"{self.operator}.gcs"
+        self.ports = [Port(self.name, f"gcs:{v}") for v in self.vehicles]
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        out = Outbox()
+        for arrival in inbox:
+            self.heard.append((arrival.at, arrival.payload))
+        if now >= self.due:
+            for port in self.ports:
+                out.send(port, f"ask {self.asked}".encode())
+            self.asked += 1
+            self.due = now + self.period
+        return out
+
+    def next_wakeup(self) -> Time | None:
+        return self.due
+
+
+def onboard(vehicle: str, gcs: Channel | None = None) -> tuple[list[LinkSpec], list[Route]]:
+    """The three hops between an autopilot and its ground station, with the published names."""
+    operator = vehicle.split("/")[0]
+    ap, proxy, companion = (f"{vehicle}.{role}" for role in ("autopilot", "proxy", "companion"))
+    wire = Channel(mode="reliable", latency_ns=100_000)
+    links = [
+        LinkSpec(f"gcs:{vehicle}", f"{operator}.gcs", companion, gcs or Channel(latency_ns=20 * MS)),
+        LinkSpec(f"log:{vehicle}", companion, proxy, wire),
+        LinkSpec(f"autopilot:{vehicle}", proxy, ap, wire),
+    ]
+    routes = [
+        Route(proxy, f"autopilot:{vehicle}", f"log:{vehicle}", MS),
+        Route(companion, f"log:{vehicle}", f"gcs:{vehicle}", 10 * MS),
+        Route(companion, f"gcs:{vehicle}", f"log:{vehicle}", 10 * MS),
+        Route(proxy, f"log:{vehicle}", f"autopilot:{vehicle}", MS),
+    ]
+    return links, routes
+
+
+ROUGH = Channel(
+    latency_ns=20 * MS, jitter_ns=15 * MS, loss=0.1, duplicate=0.05, reorder=0.05, rate_bps=50_000, queue_bytes=25
+)
+"""A channel on which everything that can happen to a frame does."""
+
+
+class Bodies:
+    """A world of points that integrate their one actuator."""
+
+    def __init__(self, vehicles: Sequence[str], quantum_ns: Time = 2_500_000) -> None:
+        self.vehicles = list(vehicles)
+        self.quantum_ns = quantum_ns
+        self._command = np.zeros((len(self.vehicles), 1))
+        self._height_m = np.zeros(len(self.vehicles))
+        self._at: Time | None = None
+
+    def advance(self, now: Time) -> Sequence[Note]:
+        if self._at is not None:
+            self._height_m += self._command[:, 0] * (now - self._at) / 1e9
+        self._at = now
+        return ()
+
+    def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
+        height = self._height_m[rows]
+        n = len(height)
+        zeros = np.zeros((n, 3))
+        return Sensors(zeros, zeros, np.zeros((n, 4)), zeros, zeros, height, height)
+
+    def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:
+        self._command[rows] = actuators
+
+    def truth(self) -> Mapping[str, NDArray[np.float64]]:
+        return {"up_m": self._height_m.copy()}
+
+
+class Climber:
+    """A lockstep engine: each instance climbs at its own rate; `falls_silent` may say when one stops answering."""
+
+    clock: Literal["lockstep", "wall"] = "lockstep"
+    repeatable: Literal["bytes", "outcome"] = "bytes"
+
+    def __init__(
+        self,
+        name: str,
+        vehicles: Sequence[str],
+        *,
+        falls_silent: tuple[str, Time] | None = None,
+        preroll_ns: Time = 0,
+        boots_at: Time = 0,
+    ) -> None:
+        self.name = name
+        self.vehicles = list(vehicles)
+        self.ports = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in vehicles]
+        self.service_ns = 10 * MS
+        self.preroll_ns = preroll_ns
+        self.begun: list[Time] = []
+        self._silent = falls_silent
+        self._boots_at = boots_at
+        self._mail = 0
+
+    def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
+        assert tick % self.service_ns == 0 or not inbox
+        assert all(arrival.at <= tick for arrival in inbox)
+        self.begun.append(tick)
+        self._mail += len(inbox)
+
+    def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
+        status = [
+            InstanceStatus.SILENT
+            if self._silent is not None and v == self._silent[0] and tick >= self._silent[1]
+            else InstanceStatus.BOOTING
+            if tick < self._boots_at
+            else InstanceStatus.READY
+            for v in self.vehicles
+        ]
+        rates = np.array(
+            [[0.0 if s is not InstanceStatus.READY else 1.0 + i] for i, s in enumerate(status)], dtype=np.float64
+        )
+        out = Outbox()
+        if tick % (100 * MS) == 0:
+            for port, state in zip(self.ports, status, strict=True):
+                if state is InstanceStatus.READY:
+                    out.send(port, f"mail {self._mail}".encode())
+        return Finished(rates, out, status)
