@@ -1,0 +1,1 @@
+"""Sockets, subprocesses and ports: the only room where the outside world gets in."""

@@ -1,0 +1,129 @@
+"""How does a MAVLink link cross a real socket? UDP and TCP ends that deframe before anybody sees a byte.
+
+Both hand out the same pieces whatever the chunks were: a frame, or a run of bytes that is none.
+Each end is one peer of one link and binds to loopback unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import cast
+
+from skyrange.codec.deframe import Counts, Deframer, Piece
+
+LOOPBACK = "127.0.0.1"
+Address = tuple[str, int]
+OnPiece = Callable[[Piece], None]
+
+
+class UdpEnd(asyncio.DatagramProtocol):
+    """One end of a link over UDP.
+
+    Without a `remote` it answers whoever spoke last, as a ground station's listening port does. A
+    datagram is a whole: what it leaves unfinished is garbage, never the beginning of the next one.
+    """
+
+    def __init__(self, on_piece: OnPiece, remote: Address | None = None) -> None:
+        self._on_piece = on_piece
+        self._remote = remote
+        self._transport: asyncio.DatagramTransport | None = None
+        self._deframer = Deframer()
+
+    @classmethod
+    async def open(cls, on_piece: OnPiece, local: Address = (LOOPBACK, 0), remote: Address | None = None) -> UdpEnd:
+        """Bind to `local` (port 0: any free one); `OSError` when it is taken."""
+        loop = asyncio.get_running_loop()
+        _, end = await loop.create_datagram_endpoint(lambda: cls(on_piece, remote), local_addr=local)
+        return end
+
+    @property
+    def counts(self) -> Counts:
+        """Frames and garbage so far."""
+        return self._deframer.counts
+
+    @property
+    def address(self) -> Address:
+        """Where it is bound."""
+        assert self._transport is not None
+        return cast("Address", self._transport.get_extra_info("sockname")[:2])
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Called by asyncio."""
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def datagram_received(self, data: bytes, addr: Address) -> None:
+        """Called by asyncio."""
+        if self._remote is None or self._remote[0] == addr[0]:
+            self._remote = addr
+            for piece in [*self._deframer.feed(data), *self._deframer.finish()]:
+                self._on_piece(piece)
+
+    def send(self, payload: bytes) -> bool:
+        """Send one frame as one datagram; `False` while no peer is known."""
+        if self._remote is None or self._transport is None:
+            return False
+        self._transport.sendto(payload, self._remote)
+        return True
+
+    def close(self) -> None:
+        """Give the port back."""
+        if self._transport is not None:
+            self._transport.close()
+
+
+class TcpEnd(asyncio.Protocol):
+    """One end of a link over TCP, made by `connect` or by a server's `accept`."""
+
+    def __init__(self, on_piece: OnPiece) -> None:
+        self._on_piece = on_piece
+        self._transport: asyncio.Transport | None = None
+        self._deframer = Deframer()
+        self.lost = asyncio.get_running_loop().create_future()
+        """Done when the peer has gone; what it left unfinished has been handed out by then."""
+
+    @classmethod
+    async def connect(cls, on_piece: OnPiece, remote: Address) -> TcpEnd:
+        """Connect to `remote`; `OSError` when nobody listens."""
+        loop = asyncio.get_running_loop()
+        _, end = await loop.create_connection(lambda: cls(on_piece), *remote)
+        return end
+
+    @property
+    def counts(self) -> Counts:
+        """Frames and garbage so far."""
+        return self._deframer.counts
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Called by asyncio."""
+        self._transport = cast("asyncio.Transport", transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Called by asyncio."""
+        for piece in self._deframer.feed(data):
+            self._on_piece(piece)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Called by asyncio."""
+        for piece in self._deframer.finish():
+            self._on_piece(piece)
+        if not self.lost.done():
+            self.lost.set_result(None)
+
+    def send(self, payload: bytes) -> bool:
+        """Send one frame; `False` once the connection is closed."""
+        if self._transport is None or self._transport.is_closing():
+            return False
+        self._transport.write(payload)
+        return True
+
+    def close(self) -> None:
+        """Close after what was sent has gone out."""
+        if self._transport is not None:
+            self._transport.close()
+
+
+async def serve_tcp(accept: Callable[[], TcpEnd], local: Address = (LOOPBACK, 0)) -> tuple[asyncio.Server, Address]:
+    """Listen at `local`; `accept` makes an end for each connection. Returns the server and its address."""
+    server = await asyncio.get_running_loop().create_server(accept, *local)
+    return server, cast("Address", server.sockets[0].getsockname()[:2])
