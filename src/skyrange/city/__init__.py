@@ -1,0 +1,1 @@
+"""What stands in the way: building footprints with heights, and questions about them."""

@@ -1,0 +1,106 @@
+"""Where are the walls? A set of buildings and a spatial index that answers about points and paths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+
+from skyrange.city.buildings import Building
+
+Point3 = tuple[float, float, float]
+"""(east_m, north_m, up_m), up above the ground."""
+
+
+class City:
+    """Buildings on flat ground. Immutable, so a deep copy is the city itself."""
+
+    __slots__ = ("_heights_m", "_tree", "bounds", "buildings", "counts", "source")
+
+    def __init__(self, buildings: Sequence[Building], source: str, counts: Mapping[str, int] | None = None) -> None:
+        """`source` says where they come from; `counts` what its reader met. Raises ValueError without buildings."""
+        if not buildings:
+            raise ValueError("a city needs at least one building")
+        self.buildings: tuple[Building, ...] = tuple(buildings)
+        self.source = source
+        self.counts: dict[str, int] = dict(counts or {})
+        self._tree = shapely.STRtree([building.shape for building in self.buildings])
+        self._heights_m = np.array([building.height_m for building in self.buildings])
+        west, south, east, north = shapely.total_bounds(self._tree.geometries).tolist()
+        self.bounds: tuple[float, float, float, float] = (west, south, east, north)
+        """West, south, east and north edge in metres."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> City:
+        """Itself: nothing in a city ever changes."""
+        return self
+
+    def __len__(self) -> int:
+        return len(self.buildings)
+
+    def inside(self, east_m: float, north_m: float, up_m: float = 0.0) -> Building | None:
+        """The building that holds a point (on its wall counts), or None; of several the tallest, then the first."""
+        found = [
+            self.buildings[i]
+            for i in self._at(east_m, north_m)
+            if self.buildings[i].base_m <= up_m < self.buildings[i].height_m
+        ]
+        return max(found, key=lambda building: building.height_m) if found else None
+
+    def height_at(self, east_m: float, north_m: float) -> float:
+        """Height of the highest roof over a point, 0 where there is none."""
+        found = self._at(east_m, north_m)
+        return float(self._heights_m[found].max()) if len(found) else 0.0
+
+    def _at(self, east_m: float, north_m: float) -> list[int]:
+        """Buildings whose footprint covers a point, in order."""
+        return sorted(self._tree.query(shapely.Point(east_m, north_m), predicate="intersects").tolist())
+
+    def obstacles_within(self, east_m: float, north_m: float, radius_m: float) -> list[Building]:
+        """Buildings whose footprint comes within `radius_m` of a point, in the city's order."""
+        point = shapely.Point(east_m, north_m)
+        found = self._tree.query(point, predicate="dwithin", distance=radius_m).tolist()
+        return [self.buildings[i] for i in sorted(found)]
+
+    def first_obstruction(self, path: Sequence[Point3], margin_m: float = 0.0) -> Building | None:
+        """The first building that a path comes too near to, or None.
+
+        A leg is obstructed by a building within `margin_m` of it seen from above, unless the leg
+        stays `margin_m` above its roof or below its base. The test takes the leg's lowest and
+        highest point, so a climbing leg may be called obstructed by a building it would clear. The
+        first is the nearest to the start of the first obstructed leg. A path of one point is a place.
+        """
+        legs = list(pairwise(path)) if len(path) > 1 else [(point, point) for point in path]
+        for start, end in legs:
+            low_m, high_m = min(start[2], end[2]), max(start[2], end[2])
+            begin = shapely.Point(start[:2])
+            leg = shapely.LineString([start[:2], end[:2]]) if start[:2] != end[:2] else begin
+            near: list[Building] = [
+                self.buildings[i]
+                for i in sorted(self._tree.query(leg, predicate="dwithin", distance=margin_m).tolist())
+                if self.buildings[i].height_m > low_m - margin_m and self.buildings[i].base_m < high_m + margin_m
+            ]
+            if near:
+                away = [float(shapely.distance(begin, building.shape)) for building in near]
+                return near[away.index(min(away))]
+        return None
+
+    def clear_of(self, path: Sequence[Point3], margin_m: float = 0.0) -> bool:
+        """Whether no building obstructs a path (see `first_obstruction`)."""
+        return self.first_obstruction(path, margin_m) is None
+
+    def to_json_rows(self) -> list[dict[str, Any]]:
+        """One row per polygon, as `city.json` of a run folder has them: `height_m`, `rings`, and `base_m` where raised.
+
+        `rings` is [outer, holes…], each a closed list of [east_m, north_m] rounded to the millimetre.
+        """
+        rows: list[dict[str, Any]] = []
+        for building in self.buildings:
+            for rings in building.polygons:
+                row: dict[str, Any] = {"height_m": building.height_m, "rings": rings}
+                if building.base_m > 0.0:
+                    row["base_m"] = building.base_m
+                rows.append(row)
+        return rows

@@ -1,0 +1,64 @@
+"""What does a city look like when nobody gave one? A grid of blocks with streets between and towers on them.
+
+Each building's footprint and height are addressed by its place in the grid, so a bigger grid of the same seed has
+the smaller one's buildings at the same grid places.
+"""
+
+from __future__ import annotations
+
+import math
+
+import shapely
+
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
+from skyrange.core.chance import Chance
+from skyrange.core.errors import Fault, InputError
+
+_STREAM = "city.downtown"
+_LEAST_FILL = 0.6  # of its half-block, so that a street is never all there is
+
+
+def downtown_grid(
+    blocks: tuple[int, int] = (8, 6),
+    height_m: tuple[float, float] = (20.0, 90.0),
+    seed: int = 0,
+    street_m: float = 24.0,
+    block_m: float = 72.0,
+) -> City:
+    """A downtown of `blocks` (east, north) square blocks centred on the origin, two by two buildings on each.
+
+    Heights lie in `height_m` with many low and few high (uniform squared). Streets of `street_m` run
+    between the blocks and cross at the origin where both counts are even. Raises InputError.
+    """
+    faults = []
+    if min(blocks) < 1:
+        faults.append(Fault("blocks", repr(blocks), "at least one block each way"))
+    if not 0.0 < height_m[0] <= height_m[1] < math.inf:
+        faults.append(Fault("height_m", repr(height_m), "a positive least and a greatest height in metres"))
+    for name, value in (("street_m", street_m), ("block_m", block_m)):
+        if not 0.0 < value < math.inf:
+            faults.append(Fault(name, repr(value), "a positive number of metres"))
+    if faults:
+        raise InputError("downtown", faults)
+    chance = Chance(seed)
+    pitch_m = block_m + street_m
+    half_m = 0.5 * block_m
+    low_m, high_m = height_m
+    buildings = []
+    for column in range(blocks[0]):
+        for row in range(blocks[1]):
+            west_m = (column - 0.5 * blocks[0]) * pitch_m + 0.5 * street_m
+            south_m = (row - 0.5 * blocks[1]) * pitch_m + 0.5 * street_m
+            for quarter in range(4):
+                who = (column << 34) | (row << 2) | quarter
+                tall, wide, deep, _ = chance.uniform4(_STREAM, who, 0)
+                width_m = half_m * (_LEAST_FILL + (1.0 - _LEAST_FILL) * wide)
+                depth_m = half_m * (_LEAST_FILL + (1.0 - _LEAST_FILL) * deep)
+                # Built out to the street: what a building leaves free is the block's courtyard.
+                left_m = west_m if quarter % 2 == 0 else west_m + block_m - width_m
+                below_m = south_m if quarter < 2 else south_m + block_m - depth_m
+                shape = shapely.box(left_m, below_m, left_m + width_m, below_m + depth_m)
+                top_m = round(low_m + (high_m - low_m) * tall * tall, 1)
+                buildings.append(Building(f"{column}-{row}-{quarter}", top_m, shape))
+    return City(buildings, f"downtown_grid {blocks[0]}x{blocks[1]} seed {seed}")

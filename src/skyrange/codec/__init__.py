@@ -1,0 +1,1 @@
+"""Bytes ↔ values: MAVLink frames and streams, mission files."""

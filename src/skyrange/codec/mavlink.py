@@ -1,0 +1,222 @@
+"""What does a MAVLink frame say, and how is one made? Decoding, packing, and cheap looks at headers.
+
+MAVLink 2 by pymavlink's ardupilotmega dialect; MAVLink 1 is read, never written. Signatures are
+accepted on input and **not verified**; output is unsigned, as ArduPilot's is by default.
+
+Decoded messages are memoised by payload and therefore shared: treat them as immutable. Arrays are
+tuples. To change one, build another with the class of `dialect`.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, TypeAlias, cast
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from skyrange.codec.deframe import Counts, Deframer, Piece
+from skyrange.codec.wire import (
+    CHECKSUM,
+    HEADER_V1,
+    HEADER_V2,
+    LAYOUTS,
+    MAGIC_V1,
+    MAGIC_V2,
+    MIN_FRAME,
+    SIGNATURE,
+    SIGNED,
+    Layout,
+    checksum,
+    pack_header_v2,
+    unpack_header_v1,
+    unpack_header_v2,
+)
+from skyrange.core.errors import DecodeError
+
+__all__ = [
+    "Counts",
+    "Deframer",
+    "Message",
+    "Packer",
+    "Piece",
+    "decode",
+    "describe",
+    "dialect",
+    "message_id",
+    "message_name",
+    "system_of",
+]
+
+Message: TypeAlias = Any
+"""A pymavlink `MAVLink_message`: fields as attributes, `get_msgId()`, `get_type()`, `get_srcSystem()`, `get_seq()`.
+
+The message id is `type(message).id`: in STATUSTEXT and others `id` is a field."""
+
+MEMO_FRAMES = 16_384
+"""Distinct payloads kept decoded (about 1.3 kB each): what a thousand aircraft say in the delay of a few hops."""
+
+
+def _decode(payload: bytes) -> Message:
+    """The message in `payload`, exactly one whole valid frame of MAVLink 2 or 1, or `DecodeError`.
+
+    Checked: magic, length against the header's, incompatibility flags, a message id of the dialect,
+    checksum. A MAVLink 2 payload may lack trailing zeros; bytes beyond the known definition (a newer
+    sender's extensions) are ignored. Memoised over the last `MEMO_FRAMES` payloads.
+    """
+    size = len(payload)
+    if size < MIN_FRAME:
+        raise DecodeError(f"{size} bytes, a MAVLink frame has at least {MIN_FRAME}")
+    magic = payload[0]
+    incompat = compat = 0
+    tail = CHECKSUM
+    if magic == MAGIC_V2:
+        if size < HEADER_V2 + CHECKSUM:
+            raise DecodeError(f"{size} bytes, a MAVLink 2 frame has at least {HEADER_V2 + CHECKSUM}")
+        length, incompat, compat, sequence, system, component, low, high = unpack_header_v2(payload)
+        number = low | high << 16
+        start = HEADER_V2
+        if incompat:
+            if incompat & ~SIGNED:
+                raise DecodeError(f"incompatibility flags 0x{incompat:02x}, only 0x01 (signed) is known")
+            tail += SIGNATURE
+    elif magic == MAGIC_V1:
+        length, sequence, system, component, number = unpack_header_v1(payload)
+        start = HEADER_V1
+    else:
+        raise DecodeError(f"first byte 0x{magic:02x}, MAVLink frames begin with 0xfd or 0xfe")
+    end = start + length
+    if size != end + tail:
+        raise DecodeError(f"{size} bytes, but the header announces {end + tail}")
+    layout = LAYOUTS.get(number)
+    if layout is None:
+        raise DecodeError(f"message id {number} is not in the ardupilotmega dialect")
+    cls, crc_extra, full, unpack, _, fields, plain, _, _ = layout
+    crc = checksum(payload[1:end], crc_extra)
+    if payload[end] | payload[end + 1] << 8 != crc:
+        raise DecodeError(f"{cls.msgname} checksum 0x{payload[end] | payload[end + 1] << 8:04x}, expected 0x{crc:04x}")
+    body = payload[start:end]
+    values = unpack(body if length == full else body[:full].ljust(full, b"\0"))
+    if plain is not None:
+        message = cls(*[values[place] for place in plain])
+    else:
+        arguments: list[Any] = []
+        for _, first, stop, kind in fields:
+            if kind == "scalar":
+                arguments.append(values[first])
+            elif kind == "text":
+                arguments.append(values[first].rstrip(b"\0"))
+            else:
+                arguments.append(values[first:stop])
+        message = cls(*arguments)
+    message._msgbuf = payload
+    message._payload = body
+    message._crc = crc
+    header = message._header
+    header.mlen = length
+    header.seq = sequence
+    header.srcSystem = system
+    header.srcComponent = component
+    header.incompat_flags = incompat
+    header.compat_flags = compat
+    return message
+
+
+decode = cast("Callable[[bytes], Message]", lru_cache(maxsize=MEMO_FRAMES)(_decode))
+
+
+class Packer:
+    """Makes one component's MAVLink 2 frames, with its own rolling sequence number.
+
+    Unsigned, trailing zeros of the payload cut. Three integers of state: copies of it go on alike.
+    """
+
+    __slots__ = ("component", "sequence", "system")
+
+    def __init__(self, system: int, component: int) -> None:
+        """`system` and `component` in 0…255, else `ValueError`."""
+        if not (0 <= system <= 255 and 0 <= component <= 255):
+            raise ValueError(f"system {system}, component {component}: both must be in 0…255")
+        self.system = system
+        self.component = component
+        self.sequence = 0
+
+    def pack(self, message: Message) -> bytes:
+        """The frame of `message`, which is left as it was; `ValueError` names a field that does not fit."""
+        number: int = type(message).id  # not message.id: a field of STATUSTEXT, BATTERY_STATUS and others
+        layout = LAYOUTS[number]
+        values = layout.attributes(message)
+        if layout.spread:
+            values = _flat(layout, values)
+        elif len(layout.fields) == 1:
+            values = (values,)
+        try:
+            body = layout.pack(*values)
+        except (struct.error, OverflowError, TypeError) as error:
+            raise ValueError(f"{layout.cls.msgname} {describe(message)}: {error}") from error
+        body = body.rstrip(b"\0") or b"\0"  # the first byte always stays (serialization, "payload truncation")
+        sequence = self.sequence
+        self.sequence = (sequence + 1) & 0xFF
+        covered = (
+            pack_header_v2(
+                MAGIC_V2, len(body), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16
+            )
+            + body
+        )
+        return covered + checksum(covered[1:], layout.crc_extra).to_bytes(2, "little")
+
+
+def _flat(layout: Layout, values: Any) -> list[Any]:
+    """Values in wire order with every array spread out, exactly as long as it is defined."""
+    if len(layout.fields) == 1:
+        values = (values,)
+    flat: list[Any] = []
+    for (name, start, stop, kind), value in zip(layout.spread, values, strict=True):
+        if kind == "array":
+            if len(value) < stop - start:
+                raise ValueError(f"{layout.cls.msgname} {name}: {len(value)} values, expected {stop - start}")
+            flat += value[: stop - start]
+        else:
+            flat.append(value)
+    return flat
+
+
+def describe(message: Message) -> dict[str, int | float | str]:
+    """Field name → value, in the message's own order; texts as `str`, an array as `name[0]`, `name[1]`, …."""
+    row: dict[str, int | float | str] = {}
+    for name, _, _, kind in LAYOUTS[type(message).id].fields:
+        value = getattr(message, name)
+        if kind == "array":
+            for place, element in enumerate(value):
+                row[f"{name}[{place}]"] = element
+        else:
+            row[name] = value
+    return row
+
+
+def message_id(payload: bytes) -> int | None:
+    """The message id in the header, known or not; `None` where `payload` cannot be a MAVLink frame."""
+    if len(payload) < MIN_FRAME:
+        return None
+    magic = payload[0]
+    if magic == MAGIC_V2:
+        return payload[7] | payload[8] << 8 | payload[9] << 16 if len(payload) >= HEADER_V2 + CHECKSUM else None
+    return payload[5] if magic == MAGIC_V1 else None
+
+
+def message_name(payload: bytes) -> str | None:
+    """The message's name by its header; `None` for an id outside the dialect and for no MAVLink."""
+    number = message_id(payload)
+    layout = LAYOUTS.get(number) if number is not None else None
+    return layout.cls.msgname if layout else None
+
+
+def system_of(payload: bytes) -> int | None:
+    """The sender's system id as the header claims; `None` where `payload` cannot be a MAVLink frame."""
+    if len(payload) < MIN_FRAME:
+        return None
+    magic = payload[0]
+    if magic == MAGIC_V2:
+        return payload[5] if len(payload) >= HEADER_V2 + CHECKSUM else None
+    return payload[3] if magic == MAGIC_V1 else None

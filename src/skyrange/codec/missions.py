@@ -1,0 +1,51 @@
+"""Which mission does a file hold? Reads QGC WPL 110 and QGroundControl plans, whichever it finds."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from skyrange.codec.missions_item import MAX_FILE_BYTES, Mission, MissionItem
+from skyrange.codec.missions_plan import format_plan, parse_plan
+from skyrange.codec.missions_wpl import format_waypoints, parse_waypoints
+from skyrange.core.errors import InputError
+
+__all__ = ["Mission", "MissionItem", "format_plan", "format_waypoints", "parse_plan", "parse_waypoints", "read"]
+
+
+def read(path: str | os.PathLike[str]) -> Mission:
+    """The mission in the file at `path`; `Mission.source` becomes the path's text.
+
+    A file that begins with `QGC WPL` or `{` is what it begins with; otherwise the suffix (`.plan`,
+    `.waypoints`, `.txt`) says what it should have been. Raises `InputError` naming the file and every
+    fault found: unreadable, over 16 MiB, not UTF-8, or not a mission.
+    """
+    file = Path(path)
+    name = str(file)
+    try:
+        if not file.is_file():
+            kind = "a folder or device" if file.exists() else "no such file"
+            raise InputError.one(name, "path", kind, "a mission file (.plan, .waypoints or .txt)")
+        with file.open("rb") as stream:
+            data = stream.read(MAX_FILE_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise InputError.one(name, "path", str(error), "a readable mission file") from error
+    if len(data) > MAX_FILE_BYTES:
+        raise InputError.one(name, "size", f"over {MAX_FILE_BYTES} bytes", f"at most {MAX_FILE_BYTES} bytes")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError.one(
+            name, f"line {line}", f"byte 0x{data[error.start]:02x} at offset {error.start}", "UTF-8 text"
+        ) from error
+    start = text.lstrip()[:7]
+    if start == "QGC WPL":
+        return parse_waypoints(text, name)
+    if start.startswith("{") or file.suffix.lower() == ".plan":
+        return parse_plan(text, name)
+    if file.suffix.lower() in (".waypoints", ".txt"):
+        return parse_waypoints(text, name)
+    raise InputError.one(
+        name, "line 1", repr(text[:40]), "`QGC WPL 110` or a JSON object", "Known: .plan, .waypoints and .txt files."
+    )

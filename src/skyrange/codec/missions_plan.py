@@ -1,0 +1,318 @@
+"""How is a mission written as a QGroundControl `.plan` file?
+
+The format of https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html: JSON;
+an item is simple (one MAVLink item, `null` for NaN) or complex. A complex item is read through the
+simple items that QGroundControl embeds in it (`TransectStyleComplexItem.Items`: survey, corridor
+scan; or `Items`). Those saved as parameters alone (structure scan, landing patterns, surveys of old
+versions) would need QGroundControl's own geometry and are refused with that explanation.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NoReturn, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from skyrange.codec.missions_item import (
+    FRAMES,
+    HOME_EXPECTED,
+    MAX_ITEMS,
+    Faults,
+    Mission,
+    MissionItem,
+    checked_item,
+    frame_hint,
+    may_be_home,
+    shown,
+)
+from skyrange.core.errors import InputError
+
+MAX_DEPTH = 32
+"""Of brackets within brackets; QGroundControl's own plans need 7."""
+DEFAULT_SETTINGS: dict[str, object] = {
+    "cruiseSpeed": 15,
+    "firmwareType": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
+    "globalPlanAltitudeMode": 1,
+    "hoverSpeed": 5,
+    "vehicleType": dialect.MAV_TYPE_QUADROTOR,
+}
+"""What a plan says besides items and home where the mission comes from elsewhere (speeds in m/s, the format page's)."""
+NO_FENCE: dict[str, object] = {"circles": [], "polygons": [], "version": 2}
+NO_RALLY: dict[str, object] = {"points": [], "version": 2}
+_OWN_KEYS = frozenset({"items", "plannedHomePosition", "version"})
+
+
+def parse_plan(text: str, name: str) -> Mission:
+    """The mission in `text`; `name` (a file's) is blamed in errors.
+
+    DO_JUMP's `doJumpId` references become sequence numbers. Raises `InputError` with the JSON path,
+    value and expectation of everything wrong.
+    """
+    plan = _load(text, name)
+    faults = Faults(name)
+    if plan.get("fileType") != "Plan":
+        faults.add("fileType", plan.get("fileType", "missing"), "'Plan'")
+    if plan.get("version") != 1:
+        faults.add("version", plan.get("version", "missing"), "1")
+    fence = _optional_object(plan, "geoFence", faults)
+    rally = _optional_object(plan, "rallyPoints", faults)
+    mission = plan.get("mission")
+    if not isinstance(mission, dict):
+        faults.stop("mission", "missing" if mission is None else mission, "an object")
+    if mission.get("version") != 2:
+        faults.add("mission.version", mission.get("version", "missing"), "2")
+    home = _home(mission.get("plannedHomePosition"), faults)
+    items = _Items(faults)
+    items.read(mission.get("items", "missing"))
+    faults.raise_any()
+    return Mission(
+        items=tuple(items.done),
+        home=home,
+        fence=fence,
+        rally=rally,
+        source=name,
+        settings={key: value for key, value in mission.items() if key not in _OWN_KEYS},
+    )
+
+
+def format_plan(mission: Mission) -> str:
+    """`mission` as a plan that QGroundControl and `parse_plan` read; complex items are written out as simple ones.
+
+    Fence, rally points and settings are kept; a mission with none gets `DEFAULT_SETTINGS`. QGroundControl
+    insists on a home: `InputError` if `mission.home` is `None`.
+    """
+    if mission.home is None:
+        raise InputError.one(
+            mission.source or "mission",
+            "home",
+            "none",
+            "a home position, which a plan must name",
+            "Give the mission one.",
+        )
+    document = {
+        "fileType": "Plan",
+        "geoFence": NO_FENCE if mission.fence is None else mission.fence,
+        "groundStation": "skyrange",
+        "mission": {
+            **(DEFAULT_SETTINGS if mission.settings is None else mission.settings),
+            "items": [_simple(sequence, item) for sequence, item in enumerate(mission.items, start=1)],
+            "plannedHomePosition": list(mission.home),
+            "version": 2,
+        },
+        "rallyPoints": NO_RALLY if mission.rally is None else mission.rally,
+        "version": 1,
+    }
+    return json.dumps(document, indent=4, allow_nan=False) + "\n"
+
+
+def _simple(sequence: int, item: MissionItem) -> dict[str, object]:
+    return {
+        "autoContinue": item.autocontinue,
+        "command": item.command,
+        "doJumpId": sequence,  # so that DO_JUMP's sequence numbers are their own references
+        "frame": item.frame,
+        "params": [None if math.isnan(value) else value for value in item.values],
+        "type": "SimpleItem",
+    }
+
+
+class _Items:
+    """Reads `mission.items` into a flat list, then settles who jumps where."""
+
+    def __init__(self, faults: Faults) -> None:
+        self.faults = faults
+        self.done: list[MissionItem] = []
+        self._targets: dict[int, list[int]] = {}
+        self._embedded_targets: dict[int, list[int]] = {}
+        self._jumps: list[tuple[int, str]] = []
+
+    def read(self, entries: object) -> None:
+        if not isinstance(entries, list):
+            self.faults.add("mission.items", entries, "a list")
+            return
+        for index, entry in enumerate(entries):
+            where = f"mission.items[{index}]"
+            kind = entry.get("type") if isinstance(entry, dict) else None
+            if kind == "SimpleItem":
+                self._simple_item(entry, where, self._targets)
+            elif kind == "ComplexItem":
+                self._complex_item(entry, where)
+            elif isinstance(entry, dict):
+                self.faults.add(f"{where}.type", entry.get("type", "missing"), "'SimpleItem' or 'ComplexItem'")
+            else:
+                self.faults.add(where, entry, "an object")
+            if len(self.done) > MAX_ITEMS:
+                self.faults.add(where, f"more than {MAX_ITEMS} items so far", f"at most {MAX_ITEMS}")
+                return
+        if not self.faults.total:
+            self._resolve_jumps()
+
+    def _complex_item(self, entry: dict[str, object], where: str) -> None:
+        transects = entry.get("TransectStyleComplexItem")
+        holder, path = (transects, f"{where}.TransectStyleComplexItem") if transects is not None else (entry, where)
+        embedded = holder.get("Items") if isinstance(holder, dict) else None
+        if not isinstance(embedded, list) or not embedded:
+            kind = shown(entry.get("complexItemType", "unnamed"))
+            self.faults.add(
+                f"{path}.Items",
+                embedded if embedded else f"none in this {kind} item",
+                "a list of embedded mission items",
+                "QGroundControl embeds them in surveys and corridor scans; replace other patterns by waypoints.",
+            )
+            return
+        for index, item in enumerate(embedded):
+            if not isinstance(item, dict) or item.get("type") != "SimpleItem":
+                self.faults.add(f"{path}.Items[{index}]", item, "a SimpleItem object")
+            else:
+                self._simple_item(item, f"{path}.Items[{index}]", self._embedded_targets)
+
+    def _simple_item(self, entry: dict[str, object], where: str, targets: dict[int, list[int]]) -> None:
+        faults = self.faults
+        before = faults.total
+        frame = _whole(entry, "frame", where, 255, faults)
+        command = _whole(entry, "command", where, 65_535, faults)
+        if frame is not None and frame not in FRAMES:
+            faults.add(f"{where}.frame", frame, frame_hint())
+        go_on = entry.get("autoContinue", "missing")
+        if not isinstance(go_on, bool):
+            faults.add(f"{where}.autoContinue", go_on, "true or false")
+        jump_id = _whole(entry, "doJumpId", where, 2**31 - 1, faults) if "doJumpId" in entry else None
+        values = _values(entry.get("params", "missing"), f"{where}.params", faults)
+        if faults.total > before or frame is None or command is None:
+            return
+        wheres = [f"{where}.params[{place}]" for place in range(7)]
+        item = checked_item(frame, command, values, go_on is True, wheres, faults)
+        if item is None:
+            return
+        self.done.append(item)
+        if jump_id is not None:
+            targets.setdefault(jump_id, []).append(len(self.done))
+        if command == dialect.MAV_CMD_DO_JUMP:
+            self._jumps.append((len(self.done) - 1, f"{where}.params[0]"))
+
+    def _resolve_jumps(self) -> None:
+        """As QGroundControl: a DO_JUMP names the doJumpId of an item; a top-level one goes before an embedded one."""
+        for index, where in self._jumps:
+            item = self.done[index]
+            wanted = int(item.param1) if item.param1.is_integer() else None
+            found = self._targets.get(wanted) or self._embedded_targets.get(wanted) if wanted is not None else None
+            if found is None:
+                self.faults.add(where, item.param1, "the doJumpId of an item")
+            elif len(found) > 1:
+                self.faults.add(where, item.param1, f"a doJumpId of one item alone, {len(found)} have this one")
+            else:
+                self.done[index] = replace(item, param1=float(found[0]))
+
+
+def _load(text: str, name: str) -> dict[str, object]:
+    """The JSON object in `text`: no deeper than `MAX_DEPTH`, all numbers finite."""
+    try:
+        document = json.loads(text, parse_constant=_refuse_constant)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno} column {error.colno}"
+        near = error.doc[max(error.pos - 10, 0) : error.pos + 10]
+        raise InputError.one(name, where, f"{error.msg} at {near!r}", "JSON") from error
+    except RecursionError:
+        raise InputError.one(name, "file", "brackets nested without end", f"at most {MAX_DEPTH} levels") from None
+    except ValueError as error:  # a constant JSON does not know, an integer of thousands of digits
+        raise InputError.one(name, "file", str(error), "JSON with finite numbers, null for none") from error
+    if not isinstance(document, dict):
+        raise InputError.one(name, "file", f"a JSON {type(document).__name__}", "a JSON object with fileType 'Plan'")
+    faults = Faults(name)
+    for link, value, depth in _walk(document):
+        if depth > MAX_DEPTH:
+            faults.stop(_path(link)[:60], f"more than {MAX_DEPTH} levels deep", f"at most {MAX_DEPTH} levels")
+        if isinstance(value, float) and not math.isfinite(value):
+            faults.add(_path(link), value, "a finite number")
+    faults.raise_any()
+    return document
+
+
+_Link: TypeAlias = "tuple[_Link, str | int] | None"
+"""Where a value stands: its parent's link and its key there. Spelt out only for faults, as keys may be huge."""
+
+
+def _walk(document: dict[str, object]) -> Iterator[tuple[_Link, object, int]]:
+    """Every value with its place and depth, parents first; bounding the depth is for the caller."""
+    stack: list[tuple[_Link, object, int]] = [(None, document, 0)]
+    while stack:
+        link, value, depth = stack.pop()
+        yield link, value, depth
+        if isinstance(value, dict):
+            stack.extend(((link, key), child, depth + 1) for key, child in value.items())
+        elif isinstance(value, list):
+            stack.extend(((link, place), child, depth + 1) for place, child in enumerate(value))
+
+
+def _path(link: _Link) -> str:
+    """`geoFence.polygons[0]`, keys cut at 40 characters."""
+    steps = []
+    while link is not None:
+        link, key = link
+        steps.append(f"[{key}]" if isinstance(key, int) else f".{ascii(key[:40])[1:-1]}")
+    return "".join(reversed(steps)).lstrip(".")
+
+
+def _refuse_constant(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is no JSON number")
+
+
+def _optional_object(plan: dict[str, object], key: str, faults: Faults) -> dict[str, object] | None:
+    value = plan.get(key)
+    if value is not None and not isinstance(value, dict):
+        faults.add(key, value, "an object")
+        return None
+    return value
+
+
+def _home(value: object, faults: Faults) -> tuple[float, float, float] | None:
+    """Planned home; a plan without one is read all the same, though QGroundControl would refuse it."""
+    if value is None:
+        return None
+    where = "mission.plannedHomePosition"
+    numbers = [_number(entry) for entry in value] if isinstance(value, list) else []
+    if len(numbers) != 3 or None in numbers:
+        faults.add(where, value, f"three numbers: {HOME_EXPECTED}")
+        return None
+    lat, lon, alt = (float(number or 0.0) for number in numbers)
+    if not may_be_home(lat, lon, alt):
+        faults.add(where, value, HOME_EXPECTED)
+    return lat, lon, alt
+
+
+def _values(params: object, where: str, faults: Faults) -> list[float]:
+    """The seven numbers of an item, NaN for null."""
+    if not isinstance(params, list) or len(params) != 7:
+        faults.add(where, params, "a list of 7 numbers or nulls")
+        return []
+    values = []
+    for place, entry in enumerate(params):
+        number = math.nan if entry is None else _number(entry)
+        if number is None:
+            faults.add(f"{where}[{place}]", entry, "a number or null")
+        else:
+            values.append(number)
+    return values
+
+
+def _number(value: object) -> float | None:
+    """A JSON number as a float; `None` for anything else and for what no float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return None
+
+
+def _whole(entry: dict[str, object], key: str, where: str, highest: int, faults: Faults) -> int | None:
+    """A whole number in 0…highest (JSON may write it 16.0), else a fault and `None`."""
+    number = _number(entry.get(key))
+    if number is None or not number.is_integer() or not 0 <= number <= highest:
+        faults.add(f"{where}.{key}", entry.get(key, "missing"), f"a whole number in 0…{highest}")
+        return None
+    return int(number)

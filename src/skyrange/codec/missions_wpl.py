@@ -1,0 +1,134 @@
+"""How is a mission written as plain text, `QGC WPL 110`?
+
+The format of https://mavlink.io/en/file_formats/ ("Mission Plain-Text File Format"): a header line,
+then twelve columns per item. As ArduPilot and Mission Planner write it, item 0 is home. Columns may
+be parted by tabs or spaces; blank lines and lines starting with `#` are skipped, as pymavlink does.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from skyrange.codec.missions_item import (
+    FRAMES,
+    GLOBAL_FRAMES,
+    HOME_EXPECTED,
+    MAX_ITEMS,
+    Faults,
+    Mission,
+    MissionItem,
+    checked_item,
+    frame_hint,
+    may_be_home,
+)
+
+HEADER = "QGC WPL 110"
+COLUMNS = (
+    "sequence",
+    "current",
+    "frame",
+    "command",
+    "param1",
+    "param2",
+    "param3",
+    "param4",
+    "x (latitude)",
+    "y (longitude)",
+    "z (altitude)",
+    "autocontinue",
+)
+_INTEGER = re.compile(r"[0-9]{1,6}", re.ASCII)
+_NUMBER = re.compile(r"[+-]?([0-9]{1,400}(\.[0-9]{0,400})?|\.[0-9]{1,400})([eE][+-]?[0-9]{1,4})?|nan", re.I | re.ASCII)
+
+
+def parse_waypoints(text: str, name: str) -> Mission:
+    """The mission in `text`; `name` (a file's) is blamed in errors.
+
+    `nan` may stand in parameters 1 to 4. Raises `InputError` with line, column, value and expectation
+    of everything wrong. A home of 0, 0 is none.
+    """
+    faults = Faults(name)
+    lines = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1)]
+    lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
+    if not lines or lines[0][1].split() != HEADER.split():
+        number, line = lines[0] if lines else (1, "")
+        faults.stop(f"line {number}", line, f"`{HEADER}`")
+    if len(lines) < 2:
+        faults.stop("file", "no items", "the home position as item 0, then the mission's items")
+    if len(lines) - 2 > MAX_ITEMS:
+        faults.stop("file", f"{len(lines) - 2} items", f"at most {MAX_ITEMS}")
+    items = [_item(index, number, line, faults) for index, (number, line) in enumerate(lines[1:])]
+    home = items[0]
+    if home is not None:
+        _check_home(home, lines[1][0], faults)
+    faults.raise_any()
+    whole = [item for item in items if item is not None]
+    position = (whole[0].x, whole[0].y, whole[0].z)
+    return Mission(items=tuple(whole[1:]), home=position if position[:2] != (0.0, 0.0) else None, source=name)
+
+
+def format_waypoints(mission: Mission) -> str:
+    """`mission` as text that `parse_waypoints` reads back alike; fence, rally and settings have no place in it.
+
+    Home becomes item 0, all zeros where there is none.
+    """
+    home = mission.home or (0.0, 0.0, 0.0)
+    first = MissionItem(dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_NAV_WAYPOINT, 0.0, 0.0, 0.0, 0.0, *home)
+    lines = [HEADER]
+    for sequence, item in enumerate((first, *mission.items)):
+        columns = [
+            sequence,
+            int(sequence == 0),
+            item.frame,
+            item.command,
+            *map(float, item.values),
+            int(item.autocontinue),
+        ]
+        lines.append("\t".join(map(repr, columns)))
+    return "\n".join(lines) + "\n"
+
+
+def _item(index: int, line_number: int, line: str, faults: Faults) -> MissionItem | None:
+    """The item of one line, `None` and some faults if anything is wrong with it."""
+    before = faults.total
+    cells = line.split()
+    if len(cells) != len(COLUMNS):
+        faults.add(f"line {line_number}", f"{len(cells)} columns", f"{len(COLUMNS)}: {', '.join(COLUMNS)}")
+        return None
+    wheres = [f"line {line_number}, column {place} ({column})" for place, column in enumerate(COLUMNS, start=1)]
+    whole: dict[int, int] = {}
+    for place, highest in ((0, MAX_ITEMS), (1, 1), (2, 255), (3, 65_535), (11, 1)):
+        if _INTEGER.fullmatch(cells[place]) and int(cells[place]) <= highest:
+            whole[place] = int(cells[place])
+        else:
+            faults.add(wheres[place], cells[place], f"a whole number in 0…{highest}")
+    if whole.get(0, index) != index:
+        faults.add(wheres[0], cells[0], f"{index}: items are numbered from 0 without gaps")
+    if whole.get(2, 0) not in FRAMES:
+        faults.add(wheres[2], cells[2], frame_hint())
+    values = []
+    for place in range(4, 11):
+        if _NUMBER.fullmatch(cells[place]):
+            value = float(cells[place])
+            values.append(math.nan if math.isnan(value) else value)
+        else:
+            faults.add(wheres[place], cells[place], "a number")
+    if faults.total > before:
+        return None
+    return checked_item(whole[2], whole[3], values, whole[11] == 1, wheres[4:11], faults)
+
+
+def _check_home(home: MissionItem, line_number: int, faults: Faults) -> None:
+    """Mission Planner writes home with command 0; anything but a waypoint would be flown by nobody."""
+    if home.command not in (0, dialect.MAV_CMD_NAV_WAYPOINT) or home.frame not in GLOBAL_FRAMES:
+        faults.add(
+            f"line {line_number}",
+            f"command {home.command} in frame {home.frame}",
+            "home: a waypoint (command 16) in a global frame",
+            "Item 0 of a QGC WPL file is the home position, the mission starts with item 1.",
+        )
+    if not may_be_home(home.x, home.y, home.z):
+        faults.add(f"line {line_number}", (home.x, home.y, home.z), HOME_EXPECTED)

@@ -1,0 +1,21 @@
+"""Where the aircraft truly are: bodies in air and on the ground, advanced by a fixed quantum."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skyrange.world.airframes import AIRFRAMES, Airframe, Rotor
+
+if TYPE_CHECKING:
+    from skyrange.world.world import Body, World
+
+__all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "World"]
+
+
+def __getattr__(name: str) -> object:
+    """Import the world only when it is asked for: a schema needs the airframes' names, not a compiler."""
+    if name in ("Body", "World"):
+        from skyrange.world import world
+
+        return getattr(world, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,128 @@
+"""Which airframes are there, and what numbers describe them? One parameter table, every number with its source.
+
+Conventions: body frame forward-left-up, motors numbered and spinning as in ArduCopter's QUAD X
+(ArduPilot `SIM_Frame.cpp`, `quad_x_motors`): 1 front right CCW, 2 rear left CCW, 3 front left CW,
+4 rear right CW, seen from above.
+
+Throttle. An actuator command u in 0…1 is the ESC signal above its minimum. In steady state a rotor gives
+the fraction `(1 - e)·u + e·u²` of its full thrust, e being `thrust_expo`: the curve that ArduPilot's
+`SIM_Motor.cpp` (`Motor::calc_thrust`) flies and its `MOT_THST_EXPO` inverts. Thrust is k·ω², so the rotor's
+speed settles at `rotor_max_radps · sqrt((1 - e)·u + e·u²)`; e = 1 is a speed linear in u (Gazebo's map).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+GRAVITY_MPS2 = 9.80665
+"""Standard gravity (ISO 80000-3; ArduPilot's GRAVITY_MSS)."""
+AIR_DENSITY_KGM3 = 1.225
+"""Sea level, 15 °C (ISO 2533 standard atmosphere); held constant with height."""
+MOTORS = 4
+"""Rotors of every airframe in the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rotor:
+    """Where a rotor sits from the centre of gravity, and how it turns."""
+
+    forward_m: float
+    left_m: float
+    spin: float
+    """+1 counter-clockwise seen from above, -1 clockwise; the body feels the opposite torque."""
+
+
+@dataclass(frozen=True, slots=True)
+class Airframe:
+    """One row of the table. Derived figures are properties, so they cannot contradict it."""
+
+    name: str
+    mass_kg: float
+    inertia_kgm2: tuple[float, float, float]
+    """Principal moments about forward, left, up."""
+    rotors: tuple[Rotor, ...]
+    """In motor order; `MOTORS` of them."""
+    thrust_ns2: float
+    """Newton per (rad/s)² of one rotor."""
+    torque_arm_m: float
+    """Drag torque of a rotor over its thrust."""
+    rotor_max_radps: float
+    tau_up_s: float
+    """First-order lag of rotor speed when speeding up."""
+    tau_down_s: float
+    """The same when slowing down."""
+    thrust_expo: float
+    """Curve from command to thrust, 0 linear … 1 quadratic (see module)."""
+    rotor_drag_ns2: float
+    """In-plane force of one rotor per (rad/s of its speed · m/s of air across its disc), in N·s²."""
+    drag_area_m2: float
+    """Drag coefficient times area: body drag is ½·ρ·area·|v|·v, the same from all sides."""
+    gear_half_track_m: float
+    """Half the width of the stance: the lever with which the ground holds the aircraft level."""
+    cg_height_m: float
+    """Centre of gravity above the ground when standing."""
+    friction: float
+    """Coulomb coefficient of the gear on the ground."""
+
+    @property
+    def max_thrust_n(self) -> float:
+        """All rotors at full speed."""
+        return len(self.rotors) * self.thrust_ns2 * self.rotor_max_radps**2
+
+    @property
+    def hover_thrust(self) -> float:
+        """Fraction of full thrust that carries the weight: what ArduCopter calls hover throttle (`MOT_THST_HOVER`)."""
+        return self.mass_kg * GRAVITY_MPS2 / self.max_thrust_n
+
+    @property
+    def hover_command(self) -> float:
+        """Actuator command at which the thrust carries the weight."""
+        return self.command_for(self.hover_thrust)
+
+    @property
+    def tip_angle_rad(self) -> float:
+        """Tilt on the ground beyond which it falls over: the centre of gravity leaves the stance."""
+        return math.atan2(self.gear_half_track_m, self.cg_height_m)
+
+    def command_for(self, thrust: float) -> float:
+        """The command 0…1 that gives a fraction 0…1 of full thrust: the inverse of the thrust curve."""
+        expo = self.thrust_expo
+        if expo == 0.0:
+            return thrust
+        return (math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust) - (1.0 - expo)) / (2.0 * expo)
+
+
+IRIS = Airframe(
+    # [G] PX4/PX4-SITL_gazebo-classic, models/iris/iris.sdf.jinja, commit 032df71: base_link's mass and inertia,
+    # the poses of rotor_0…3 (they are ArduCopter's motors 1…4), motorConstant, maxRotVelocity, timeConstantUp/Down.
+    name="iris",
+    mass_kg=1.5,
+    inertia_kgm2=(0.029125, 0.029125, 0.055225),
+    rotors=(Rotor(0.13, -0.22, 1.0), Rotor(-0.13, 0.20, 1.0), Rotor(0.13, 0.22, -1.0), Rotor(-0.13, -0.20, -1.0)),
+    thrust_ns2=5.84e-06,
+    rotor_max_radps=1100.0,
+    tau_up_s=0.0125,
+    tau_down_s=0.025,
+    # [R] RotorS (Furrer, Burri, Achtelik & Siegwart, "RotorS — A Modular Gazebo MAV Simulator Framework", 2016):
+    # ethz-asl/rotors_simulator, rotors_description/urdf/iris.xacro, commit 0d5209d. [G] has 0.06,
+    # four times what a 10-inch propeller has (CP·D / (2π·CT) with a static CT of 0.11 and CP of 0.045: 0.0165 m).
+    torque_arm_m=0.016,
+    # [A] ArduPilot libraries/SITL/SIM_Frame.h `propExpo`, and AP_MotorsMulticopter's MOT_THST_EXPO default.
+    thrust_expo=0.65,
+    # [R] (also PX4's x500); [G] has 1.75e-4 and no body drag. Together with the body's drag this gives
+    # 12.5 m/s at 30 degrees of tilt and 17.3 m/s at 45; ArduPilot's default SITL frame does 15 m/s at 45 (SIM_Frame.h).
+    rotor_drag_ns2=8.06428e-05,
+    # [G]'s collision box from the side, 0.47 m x 0.11 m, with a cube's coefficient 1.05 (Hoerner, "Fluid-Dynamic
+    # Drag", 1965, ch. 3).
+    drag_area_m2=0.0543,
+    # Half the side of [G]'s box; and from the centre of gravity to the bottom of the box in
+    # ArduPilot/ardupilot_gazebo, models/iris_with_standoffs/model.sdf, commit 06291d6.
+    gear_half_track_m=0.235,
+    cg_height_m=0.195,
+    # SDFormat's default for surface/friction/ode/mu.
+    friction=1.0,
+)
+
+AIRFRAMES: dict[str, Airframe] = {airframe.name: airframe for airframe in (IRIS,)}
+"""The table, by name."""

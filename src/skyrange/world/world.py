@@ -1,0 +1,230 @@
+"""Who holds the true state of every aircraft, and how does it move from tick to tick? One table of arrays.
+
+The city is held for those who ask where walls are; flying into one has no effect on the body.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Floats, Sensors
+from skyrange.agent.messages import Note
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.world import multirotor
+from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
+
+DEFAULT_QUANTUM_NS: Time = 2_500_000
+_NO_NOTES: tuple[Note, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """One aircraft and where it stands at the start.
+
+    `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors
+    off. `heading_deg` is clockwise from north.
+    """
+
+    vehicle: str
+    airframe: str
+    east_m: float
+    north_m: float
+    up_m: float = 0.0
+    heading_deg: float = 0.0
+
+
+class World:
+    """Truth: bodies in steady wind over flat ground (the contract `skyrange.agent.contracts.World`).
+
+    The first `advance` sets the time of the initial state and moves nothing. Deep copies are
+    independent and continue identically; the immutable city is shared between them.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        quantum_ns: Time = DEFAULT_QUANTUM_NS,
+        wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        city: City | None = None,
+    ) -> None:
+        """`wind_enu_mps` is the air's velocity. Raises InputError with every fault of the bodies at once."""
+        _check(bodies, quantum_ns, wind_enu_mps)
+        n = len(bodies)
+        names = sorted({body.airframe for body in bodies})
+        step_s = quantum_ns / NS_PER_S
+        self.quantum_ns: Time = quantum_ns
+        self.vehicles: Sequence[str] = tuple(body.vehicle for body in bodies)
+        self.airframes: Sequence[Airframe] = tuple(AIRFRAMES[body.airframe] for body in bodies)
+        self.city = city
+        self._now: Time | None = None
+        self._step_s = step_s
+        self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name], step_s) for name in names])
+        self._airframe = np.array([names.index(body.airframe) for body in bodies], dtype=np.int64)
+        self._wind = np.array(wind_enu_mps, dtype=np.float64)
+        self._position = np.array([(b.east_m, b.north_m, b.up_m) for b in bodies], dtype=np.float64)
+        self._velocity = np.zeros((n, 3))
+        self._attitude = np.zeros((n, 4))
+        self._rates = np.zeros((n, 3))
+        self._rotor_radps = np.zeros((n, MOTORS))
+        self._commands = np.zeros((n, MOTORS))
+        self._accel = np.zeros((n, 3))
+        self._flags = np.zeros((n, 4), dtype=np.uint8)
+        self._impact_mps = np.zeros(n)
+        for i, body in enumerate(bodies):
+            half_yaw = 0.5 * math.radians(90.0 - body.heading_deg)
+            self._attitude[i, 0], self._attitude[i, 3] = math.cos(half_yaw), math.sin(half_yaw)
+            standing = body.up_m == 0.0
+            self._flags[i, multirotor.ON_GROUND if standing else multirotor.ALOFT] = 1
+            self._accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
+        self._bind()
+
+    def _bind(self) -> None:
+        """Make what points into the arrays: the kernel's arguments and the read-only views."""
+        self._arguments = (
+            self._step_s,
+            self._parameters,
+            self._airframe,
+            self._wind,
+            self._commands,
+            self._position,
+            self._velocity,
+            self._attitude,
+            self._rates,
+            self._rotor_radps,
+            self._accel,
+            self._flags,
+            self._impact_mps,
+        )
+        views = [a.view() for a in (self._rates, self._accel, self._attitude, self._position, self._velocity)]
+        for view in views:
+            view.flags.writeable = False
+        self._readings = tuple(views)
+        self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the views: copied arrays get views of their own."""
+        state = self.__dict__.copy()
+        for key in ("_arguments", "_readings", "_by_slice"):
+            del state[key]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bind()
+
+    def advance(self, now: Time) -> Sequence[Note]:
+        """Move all bodies by the whole quanta between the last tick and `now` under the last actuators.
+
+        Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb
+        5 cm for another; `event.crash` {tilt_deg} when an aircraft on the ground tips over for good.
+        Raises ValueError where `now` is before the last tick.
+        """
+        if self._now is None:
+            self._now = now
+            return _NO_NOTES
+        steps = (now - self._now) // self.quantum_ns
+        if steps < 0:
+            raise ValueError(f"world: asked to advance to {now} ns from {self._now} ns; time only runs forward")
+        self._now += steps * self.quantum_ns
+        if multirotor.advance(steps, *self._arguments) == 0:
+            return _NO_NOTES
+        return self._notes()
+
+    def _notes(self) -> list[Note]:
+        """What the last kernel call flagged, in vehicle order; clears it."""
+        notes = []
+        for i in np.flatnonzero(self._flags[:, multirotor.EVENTS]).tolist():
+            vehicle = self.vehicles[i]
+            event = int(self._flags[i, multirotor.EVENTS])
+            if event & multirotor.TOUCHED:
+                notes.append(Note("event.contact", vehicle, {"speed_mps": float(self._impact_mps[i])}))
+            if event & multirotor.TIPPED:
+                _, x, y, _ = self._attitude[i].tolist()
+                tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
+                notes.append(Note("event.crash", vehicle, {"tilt_deg": tilt}))
+            self._flags[i, multirotor.EVENTS] = 0
+        return notes
+
+    def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
+        """Ideal sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
+
+        The accelerometer reads the mean specific force over the last quantum. Barometer and
+        rangefinder read the height of the gear over the ground.
+        """
+        if isinstance(rows, slice):
+            key = (rows.start, rows.stop, rows.step)
+            known = self._by_slice.get(key)
+            if known is None:
+                known = self._by_slice[key] = self._read(rows)
+            return known
+        return self._read(rows)
+
+    def _read(self, rows: slice | NDArray[np.int64]) -> Sensors:
+        gyro, accel, attitude, position, velocity = (reading[rows] for reading in self._readings)
+        return Sensors(gyro, accel, attitude, position, velocity, position[:, 2], position[:, 2])
+
+    def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
+        """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""
+        self._commands[rows] = actuators
+
+    def truth(self) -> Mapping[str, Floats]:
+        """The true state as (n,) columns; `throttle` is the mean motor command, flags are 0 or 1."""
+        columns: dict[str, Floats] = {}
+        for names, table in (
+            (("east_m", "north_m", "up_m"), self._position),
+            (("vel_east_mps", "vel_north_mps", "vel_up_mps"), self._velocity),
+            (("qw", "qx", "qy", "qz"), self._attitude),
+            (("rate_x_radps", "rate_y_radps", "rate_z_radps"), self._rates),
+        ):
+            for k, name in enumerate(names):
+                columns[name] = table[:, k].copy()
+        throttle = np.zeros(len(self.vehicles))
+        for m in range(MOTORS):  # motor by motor: a row's sum must not depend on how many rows there are
+            throttle += np.clip(np.nan_to_num(self._commands[:, m], nan=0.0), 0.0, 1.0)
+        columns["throttle"] = throttle / MOTORS
+        columns["on_ground"] = self._flags[:, multirotor.ON_GROUND].astype(np.float64)
+        columns["crashed"] = self._flags[:, multirotor.CRASHED].astype(np.float64)
+        return columns
+
+
+def _check(bodies: Sequence[Body], quantum_ns: Time, wind_enu_mps: Sequence[float]) -> None:
+    """Raise one InputError with all faults of a world's arguments."""
+    faults = []
+    seen: set[str] = set()
+    for body in bodies:
+        if body.vehicle in seen:
+            faults.append(Fault(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
+        seen.add(body.vehicle)
+        if body.airframe not in AIRFRAMES:
+            faults.append(
+                Fault(
+                    f"{body.vehicle}.airframe",
+                    repr(body.airframe),
+                    "a known airframe",
+                    nearest(body.airframe, AIRFRAMES),
+                )
+            )
+        for name in ("east_m", "north_m", "up_m", "heading_deg"):
+            value = getattr(body, name)
+            if not math.isfinite(value):
+                faults.append(Fault(f"{body.vehicle}.{name}", repr(value), "a finite number"))
+        if body.up_m < 0.0:
+            faults.append(Fault(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
+    if not bodies:
+        faults.append(Fault("bodies", "none", "at least one aircraft"))
+    if quantum_ns <= 0:
+        faults.append(Fault("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
+    if len(wind_enu_mps) != 3 or not all(map(math.isfinite, wind_enu_mps)):
+        faults.append(Fault("wind_enu_mps", repr(wind_enu_mps), "three finite numbers in m/s"))
+    if faults:
+        raise InputError("world", faults)

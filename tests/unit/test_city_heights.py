@@ -1,0 +1,58 @@
+"""Are OpenStreetMap's height tags read as the wiki writes them?"""
+
+from __future__ import annotations
+
+import pytest
+
+from skyrange.city.heights import height_of, parse_length
+
+
+@pytest.mark.parametrize(
+    ("value", "metres"),
+    [
+        ("17.5", 17.5),
+        ("17.5 m", 17.5),
+        (" 17m ", 17.0),
+        ("3 metres", 3.0),
+        (17.5, 17.5),
+        (4, 4.0),
+        ("55'", 55 * 0.3048),
+        ("55 ft", 55 * 0.3048),
+        ("55'6\"", 55.5 * 0.3048),
+        ("55' 6\"", 55.5 * 0.3048),
+        ("7 feet", 7 * 0.3048),
+    ],
+)
+def test_lengths(value, metres):
+    assert parse_length(value) == pytest.approx(metres, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        *("", "tall", "-3", "0", "~20", "12;14", "1e9", "17,5", "5 km", "nan", "9999999", "١٢", "5'99999\""),
+        *(None, True, 0, -1.0, float("nan"), float("inf"), 10**400, [3], {"m": 3}),
+    ],
+)
+def test_no_lengths(value):
+    assert parse_length(value) is None
+
+
+@pytest.mark.parametrize(
+    ("tags", "expected"),
+    [
+        ({"height": "20", "building:levels": "9"}, (20.0, 0.0, "height")),
+        ({"height": "high", "building:levels": "4"}, (12.0, 0.0, "levels")),
+        ({"building:levels": "4.5"}, (13.5, 0.0, "levels")),
+        ({"building:levels": 4}, (12.0, 0.0, "levels")),
+        ({"building:levels": "4 m"}, (9.0, 0.0, "default")),
+        ({"building:levels": "0"}, (9.0, 0.0, "default")),
+        ({}, (9.0, 0.0, "default")),
+        ({"height": "20", "min_height": "6"}, (20.0, 6.0, "height")),
+        ({"height": "20", "building:min_level": "2"}, (20.0, 6.0, "height")),
+        ({"height": "20", "min_height": "20"}, (20.0, 0.0, "height")),
+        ({"height": "20", "min_height": "none"}, (20.0, 0.0, "height")),
+    ],
+)
+def test_best_tag_wins(tags, expected):
+    assert height_of(tags) == expected
