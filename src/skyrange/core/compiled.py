@@ -16,4 +16,4 @@ R = TypeVar("R")
 
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba when first called; keeps its Python type for checkers."""
-    return cast("Callable[P, R]", numba.njit(cache=True, fastmath=False, nogil=True)(function))
+    return cast("Callable[P, R]", numba.njit(cache=True, fastmath=False)(function))

@@ -98,6 +98,10 @@ class Kernel:
         """Whom the kernel tells everything."""
         return self._traffic.observers
 
+    def observe(self, observers: Sequence[Observer]) -> None:
+        """From now on tell `observers`, and nobody else."""
+        self._traffic.observers = list(observers)
+
     # ---------------------------------------------------------------- the loop
 
     def advance(self, until: Time, inbound: Sequence[Transit] = ()) -> list[Transit]:
@@ -150,7 +154,7 @@ class Kernel:
             twin = deepcopy(self)
         finally:
             self._traffic.observers = mine
-        twin._traffic.observers = list(observers)
+        twin.observe(observers)
         return twin
 
     # ---------------------------------------------------------------- world and engines

@@ -1,0 +1,127 @@
+"""How many aircraft fly how fast on one core? Missions flown in earnest, three hops, everything recorded."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import resource
+import tempfile
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from skyrange.bench.sampling import PARTS, Sampler
+from skyrange.core.errors import ComponentError
+from skyrange.core.time import to_seconds
+from skyrange.record import load
+from skyrange.runtime.run import Run
+from skyrange.scenario.schema import Operator, Scenario, Vehicle, path
+
+__all__ = ["PARTS", "fleet_scenario", "measure"]
+
+WARM_UP_S = 30.0
+"""Simulated seconds before measuring: plans are approved, uploaded, read back, and all are flying by then."""
+SPACING_M = 120.0
+SIDE_M = 80.0
+PER_OPERATOR = 250
+
+
+def fleet_scenario(vehicles: int, seconds: float) -> Scenario:
+    """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up."""
+    laps = math.ceil((WARM_UP_S + seconds) * 5.0 / (4 * SIDE_M)) + 1
+    lap = [(0.0, SIDE_M), (SIDE_M, SIDE_M), (SIDE_M, 0.0), (0.0, 0.0)]
+    points = [(0.0, 0.0), *(lap * laps)]
+    columns = math.ceil(math.sqrt(vehicles))
+    fleet = [
+        Vehicle(
+            start=(SPACING_M * (index % columns), SPACING_M * (index // columns)),
+            plan=path(points, alt_m=30.0, speed_mps=5.0),
+        )
+        for index in range(vehicles)
+    ]
+    operators = [
+        Operator(id=f"op{start // PER_OPERATOR + 1}", vehicles=fleet[start : start + PER_OPERATOR])
+        for start in range(0, vehicles, PER_OPERATOR)
+    ]
+    return Scenario(
+        name=f"bench fleet {vehicles}",
+        duration_s=WARM_UP_S + seconds,
+        origin=(-35.3633280, 149.1652241),
+        operators=operators,
+    )
+
+
+def measure(vehicles: int, seconds: float) -> dict[str, Any]:
+    """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
+
+    `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` the process's
+    CPU time for that (user and system); `memory_mb` its peak resident set, of which `base_memory_mb`
+    was there before the fleet; `setup_s` and `finalise_s` are wall seconds before and after, not in the
+    factor; `flying` how many were armed and on their mission all through; `frames_per_s` frames per
+    simulated second over all hops; `disk_mb` the finished run folder; `share` the share of CPU time per part.
+    """
+    context = multiprocessing.get_context("spawn")  # a clean process: nothing of the caller's memory
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_worker, args=(sender, vehicles, seconds))
+    process.start()
+    sender.close()
+    try:
+        row: dict[str, Any] = receiver.recv()
+    except EOFError:
+        process.join()
+        raise ComponentError(f"bench with {vehicles} aircraft", f"ended with exit code {process.exitcode}") from None
+    process.join()
+    return row
+
+
+def _worker(answer: Connection, vehicles: int, seconds: float) -> None:
+    base_mb = _peak_mb()
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        run = Run.start(fleet_scenario(vehicles, seconds), Path(folder) / "run")
+        run.advance(WARM_UP_S)
+        setup_s = time.perf_counter() - began
+        with Sampler() as sampler:
+            cpu = time.process_time()
+            wall = time.perf_counter()
+            run.advance(WARM_UP_S + seconds)
+            wall_s = time.perf_counter() - wall
+            cpu_s = time.process_time() - cpu
+        began = time.perf_counter()
+        run.finish()
+        finalise_s = time.perf_counter() - began
+        record = load(Path(folder) / "run")
+        row = {
+            "vehicles": vehicles,
+            "seconds": seconds,
+            "load": "light",
+            "real_time_factor": round(seconds / wall_s, 3),
+            "cpu_s": round(cpu_s, 3),
+            "memory_mb": round(_peak_mb(), 1),
+            "base_memory_mb": round(base_mb, 1),
+            "wall_s": round(wall_s, 3),
+            "setup_s": round(setup_s, 3),
+            "finalise_s": round(finalise_s, 3),
+            "flying": _flying(record),
+            "frames_per_s": round(record.rows("frames") / to_seconds(run.now), 1),
+            "disk_mb": round(sum(f.stat().st_size for f in record.path.rglob("*") if f.is_file()) / 1e6, 2),
+            "share": sampler.shares(),
+        }
+    answer.send(row)
+    answer.close()
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in KiB
+
+
+def _flying(record: Any) -> int:
+    """Aircraft that were off the ground from the end of the warm-up to the end."""
+    import pyarrow.compute as pc
+
+    low: set[str] = set()
+    for batch in record.batches("truth", ["time_ns", "vehicle", "up_m"]):
+        late = batch.filter(pc.and_(pc.greater(batch.column(0), int(WARM_UP_S * 1e9)), pc.less(batch.column(2), 1.0)))
+        low.update(late.column(1).to_pylist())
+    return len(record.manifest["vehicles"]) - len(low)

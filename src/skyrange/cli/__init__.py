@@ -1,0 +1,24 @@
+"""The command line, and nothing else: every command is a few lines over the library."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> None:
+    """Entry point of the `skyrange` command.
+
+    Exit codes: 0 ok, 2 bad input, 3 a component failed, 4 the run fell short of what was asked.
+    """
+    from skyrange.cli.app import app
+    from skyrange.core.errors import SkyrangeError
+
+    try:
+        app()
+    except SkyrangeError as error:
+        print(f"skyrange: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        # the reader of our output (`| head`) has gone; Python would complain once more while flushing
+        sys.stderr.close()
+        sys.exit(0)

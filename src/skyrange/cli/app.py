@@ -1,0 +1,145 @@
+"""Which commands are there, and what do they take? Imports of the library wait until a command needs them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skyrange.cli import commands
+
+app = typer.Typer(
+    name="skyrange",
+    help="A cyber range for the sky: fly fleets of small unmanned aircraft over a city, attack them, measure it.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+bench_app = typer.Typer(
+    help="Measure how fast this machine runs the range.\n\nExample: skyrange bench fleet --vehicles 100 --seconds 30",
+    no_args_is_help=True,
+)
+app.add_typer(bench_app, name="bench")
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
+RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from skyrange import __version__
+
+        typer.echo(f"skyrange {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Fly fleets over a city, attack them, measure it."""
+
+
+def _complete_scenario(incomplete: str) -> list[str]:
+    from skyrange.scenario.catalogue import SHIPPED
+
+    return [name for name in SHIPPED if name.startswith(incomplete)]
+
+
+@app.command(epilog="Example: skyrange run squares --seed 7 --set 'operators.*.vehicles.*.plan.square.alt_m=8'")
+def run(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME|FILE",
+            help="A shipped scenario's name (see `skyrange scenarios`) or a TOML file.",
+            autocompletion=_complete_scenario,
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="The run's folder, empty or new. Default: runs/NAME, then runs/NAME-2 …"),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="Chance of the run, over the scenario's.")] = None,
+    speed: Annotated[
+        float,
+        typer.Option(metavar="X", min=0.0, help="Simulated seconds per wall second; 0 is as fast as it goes."),
+    ] = 0.0,
+    buildings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly a scenario and leave a run folder with a report."""
+    commands.run(scenario, out, seed, speed, buildings, changes or [], as_json)
+
+
+@app.command(epilog="Example: skyrange show runs/squares")
+def show(run: RunFolder, as_json: AsJson = False) -> None:
+    """Say what a run was and how it went; works on killed and unfinished runs too."""
+    commands.show(run, as_json)
+
+
+@app.command(epilog="Example: skyrange report runs/squares --out squares.html")
+def report(
+    run: RunFolder,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Where to write it. Default: report.html in the run.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write a run's HTML report: one file, no network needed to read it."""
+    commands.report(run, out, as_json)
+
+
+@app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")
+def diff(
+    a: Annotated[Path, typer.Argument(metavar="A", help="A run's folder.", show_default=False)],
+    b: Annotated[Path, typer.Argument(metavar="B", help="Another run's folder.", show_default=False)],
+    as_json: AsJson = False,
+) -> None:
+    """Compare two runs: first differing frame, first differing truth, then the summary. Exits 0 either way."""
+    commands.diff(a, b, as_json)
+
+
+@app.command(epilog="Example: skyrange scenarios --json")
+def scenarios(as_json: AsJson = False) -> None:
+    """List the shipped scenarios."""
+    commands.scenarios(as_json)
+
+
+@app.command(epilog="Example: skyrange schema > scenario.schema.json")
+def schema() -> None:
+    """Print the JSON Schema of a scenario: every key with its meaning, unit and range."""
+    commands.schema()
+
+
+@app.command(epilog="Example: skyrange doctor --json")
+def doctor(as_json: AsJson = False) -> None:
+    """Say what this installation has, and what is missing; compile the numeric kernels once."""
+    commands.doctor(as_json)
+
+
+@bench_app.command(epilog="Example: skyrange bench fleet --vehicles 100 --seconds 30 --json")
+def fleet(
+    vehicles: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 1, 10, 100 and 1000."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 30.0,
+    as_json: AsJson = False,
+) -> None:
+    """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
+    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, as_json)

@@ -1,0 +1,185 @@
+"""What does each command do? Call the library, then print a table for people or JSON for scripts."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skyrange.core.errors import InputError, ShortfallError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def _print_json(data: Any) -> None:
+    print(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
+def run(
+    name: str,
+    out: Path | None,
+    seed: int | None,
+    speed: float,
+    buildings: Path | None,
+    changes: Sequence[str],
+    as_json: bool,
+) -> None:
+    """`skyrange run`."""
+    from skyrange.cli.progress import progress
+    from skyrange.runtime.run import free_folder
+    from skyrange.scenario.catalogue import load
+    from skyrange.study.session import fly
+    from skyrange.study.summary import summary
+
+    scenario = load(name, changes, seed=seed, buildings=buildings)
+    folder = out if out is not None else free_folder(scenario.name)
+    shortfall: ShortfallError | None = None
+    with progress(scenario.name, quiet=as_json) as on_progress:
+        try:
+            record = fly(scenario, folder, speed=speed, on_progress=on_progress)
+        except ShortfallError as error:
+            from skyrange.record import load as load_run
+
+            shortfall, record = error, load_run(folder)
+    facts = summary(record)
+    if as_json:
+        _print_json(facts)
+    else:
+        _print_summary(facts)
+    if shortfall is not None:
+        raise shortfall
+
+
+def show(folder: Path, as_json: bool) -> None:
+    """`skyrange show`."""
+    from skyrange.record import load
+    from skyrange.study.summary import summary
+
+    facts = summary(load(folder))
+    if as_json:
+        _print_json(facts)
+    else:
+        _print_summary(facts)
+
+
+def _print_summary(facts: dict[str, Any]) -> None:
+    from rich.table import Table
+
+    console = _console()
+    aircraft = Table(title=f"{facts['name']} · {facts['status']}", title_justify="left", title_style="bold")
+    for column in ("aircraft", "outcome", "finished", "flown", "highest", "frames to its ground station"):
+        aircraft.add_column(column, justify="left" if column in ("aircraft", "outcome") else "right")
+    for row in facts["vehicles"]:
+        good = row["outcome"] == "complete"
+        reason = f" ({row['reason']})" if row["reason"] and not good else ""
+        aircraft.add_row(
+            row["id"],
+            f"[{'green' if good else 'yellow'}]{row['outcome']}[/]{reason}",
+            "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
+            f"{row['distance_m']:.0f} m",
+            f"{row['highest_m']:.1f} m",
+            f"{row['frames_received']:,} of {row['frames_sent']:,}",
+        )
+    console.print(aircraft)
+    timings = facts["timings"]
+    factor = timings.get("real_time_factor")
+    pace = f" in {timings['wall_s']:.1f} s, {factor:.0f}× real time" if factor else ""
+    console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
+    if facts["fingerprint"]:
+        console.print(f"fingerprint {facts['fingerprint']}")
+    console.print(f"run    {facts['path']}", soft_wrap=True)
+    if facts["report"]:
+        console.print(f"report {facts['report']}", soft_wrap=True)
+
+
+def report(folder: Path, out: Path | None, as_json: bool) -> None:
+    """`skyrange report`."""
+    from skyrange.record import load
+    from skyrange.study.report import write_report
+
+    record = load(folder)
+    path = out if out is not None else folder / "report.html"
+    try:
+        write_report(record, path)
+    except OSError as error:
+        raise InputError.one("--out", "file", str(path), f"a file that can be written ({error.strerror})") from None
+    if as_json:
+        _print_json({"report": str(path), "bytes": path.stat().st_size})
+    else:
+        print(path)
+
+
+def diff(a: Path, b: Path, as_json: bool) -> None:
+    """`skyrange diff`."""
+    from skyrange.record import load
+    from skyrange.study.diff import diff as compare
+
+    difference = compare(load(a), load(b))
+    if as_json:
+        _print_json(difference.to_dict())
+    else:
+        print(difference)
+
+
+def scenarios(as_json: bool) -> None:
+    """`skyrange scenarios`."""
+    from skyrange.scenario.catalogue import SHIPPED
+
+    if as_json:
+        _print_json([{"name": name, "about": about} for name, about in SHIPPED.items()])
+        return
+    width = max(map(len, SHIPPED))
+    for name, about in SHIPPED.items():
+        print(f"{name:<{width}}  {about}")
+
+
+def schema() -> None:
+    """`skyrange schema`."""
+    from skyrange.scenario.schema import json_schema
+
+    _print_json(json_schema())
+
+
+def doctor(as_json: bool) -> None:
+    """`skyrange doctor`."""
+    from skyrange.doctor import examine
+
+    findings = examine()
+    if as_json:
+        _print_json([finding.to_dict() for finding in findings])
+    else:
+        for finding in findings:
+            print(f"{'ok ' if finding.ok else '!! '} {finding.subject}: {finding.found}")
+            if finding.hint:
+                print(f"    {finding.hint}")
+    if not all(finding.ok for finding in findings):
+        sys.exit(3)
+
+
+def bench_fleet(vehicles: Sequence[int], seconds: float, as_json: bool) -> None:
+    """`skyrange bench fleet`."""
+    from skyrange.bench.fleet import PARTS, measure
+
+    rows = []
+    if not as_json:
+        print(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
+    for count in vehicles:
+        row = measure(count, seconds)
+        rows.append(row)
+        if not as_json:
+            shares = " · ".join(f"{part} {row['share'][part]:.0%}" for part in PARTS)
+            print(
+                f"{count:>8} {row['real_time_factor']:>11.2f} {row['cpu_s']:>7.2f} {row['memory_mb']:>9.0f}  {shares}",
+                flush=True,
+            )
+    if as_json:
+        _print_json(rows)

@@ -1,0 +1,42 @@
+"""How does a person see that a run goes on? A bar on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from skyrange.core.time import Time, to_seconds
+
+OnProgress = Callable[[Time, Time], None]
+
+
+@contextmanager
+def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
+    """Gives what `fly` calls as it goes. On standard error, so that output can be piped."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[at]}"), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(name, total=None, at="starting")
+
+            def show(now: Time, end: Time) -> None:
+                at = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s"
+                bar.update(task, total=end, completed=now, at=at if now < end else "writing the record")
+
+            yield show
+    else:
+        tenth = -1
+
+        def tell(now: Time, end: Time) -> None:
+            nonlocal tenth
+            reached = 10 * now // end
+            if reached > tenth:
+                tenth = reached
+                print(f"{name}: {to_seconds(now):.0f} of {to_seconds(end):.0f} s", file=sys.stderr, flush=True)
+
+        yield tell

@@ -1,0 +1,79 @@
+"""What does this installation have, what is missing, and what is to be done about it?"""
+
+from __future__ import annotations
+
+import platform
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import Any
+
+from skyrange.agent.plugins import GROUPS, kinds
+from skyrange.core.errors import SkyrangeError
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing looked at: what was found, whether it will do, and what to do if not."""
+
+    subject: str
+    found: str
+    ok: bool = True
+    hint: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """For `--json`."""
+        return asdict(self)
+
+
+def examine() -> list[Finding]:
+    """Look at everything. Flies the smallest scenario for a second, which also fills the kernels' cache."""
+    return [_python(), *_packages(), *_plugins(), _writable(), _flight()]
+
+
+def _python() -> Finding:
+    return Finding("python", f"{platform.python_version()} on {platform.platform()}", sys.version_info >= (3, 11))
+
+
+def _packages() -> list[Finding]:
+    findings = []
+    for requirement in requires("skyrange") or []:
+        if "extra ==" in requirement:
+            continue
+        name = requirement.split(">")[0].split("<")[0].split("=")[0].split(";")[0].strip()
+        try:
+            findings.append(Finding(name, version(name)))
+        except PackageNotFoundError:
+            findings.append(Finding(name, "missing", False, f"pip install '{requirement}'"))
+    return findings
+
+
+def _plugins() -> list[Finding]:
+    return [Finding(group, ", ".join(kinds(group)) or "none") for group in GROUPS]
+
+
+def _writable() -> Finding:
+    try:
+        with tempfile.TemporaryDirectory(dir=Path.cwd()):
+            return Finding("working folder", f"{Path.cwd()} can be written")
+    except OSError as error:
+        hint = "Change to a folder of your own, or give `run` an --out DIR that can be written."
+        return Finding("working folder", f"{Path.cwd()}: {error.strerror}", False, hint)
+
+
+def _flight() -> Finding:
+    from skyrange.scenario.catalogue import load
+    from skyrange.study.session import fly
+
+    began = time.perf_counter()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            fly(load("squares", ["duration_s=1"]), Path(folder) / "run")
+    except SkyrangeError as error:
+        return Finding("flight", str(error), False, "Please report this with the output of `skyrange doctor --json`.")
+    return Finding(
+        "flight", f"a second of squares, kernels compiled and loaded, in {time.perf_counter() - began:.1f} s"
+    )

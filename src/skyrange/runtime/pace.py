@@ -1,0 +1,54 @@
+"""How fast does simulated time pass? As fast as it can, or held to a multiple of wall time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, to_seconds
+
+
+class Pace:
+    """Holds a run to `speed` simulated seconds per wall second; 0 is as fast as it goes.
+
+    The kernel is the same either way: pacing only waits between its instants. When the run falls
+    behind it is not skipped ahead; `lag_s` says by how much it was behind at most.
+    """
+
+    FREE_STEP_NS = 100 * NS_PER_MS
+    """How much an unpaced run advances between looks at Ctrl-C and the progress bar."""
+    PACED_STEP_NS = 10 * NS_PER_MS
+    """The grain of a paced run, in simulated time at speed 1."""
+
+    def __init__(
+        self, speed: float, *, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        """`speed` is 0 or more; a negative one is a `ValueError`."""
+        if not speed >= 0.0:
+            raise ValueError(f"speed must be 0 or more, got {speed}")
+        self._speed = speed
+        self._clock = clock
+        self._sleep = sleep
+        self._began: tuple[float, Time] | None = None
+        self.lag_s = 0.0
+        """The most the run was behind the wall clock, in wall seconds."""
+
+    @property
+    def step_ns(self) -> Time:
+        """How far to advance the kernel before the next `wait`."""
+        if self._speed <= 0.0:
+            return self.FREE_STEP_NS
+        return min(max(int(self.PACED_STEP_NS * self._speed), NS_PER_MS), NS_PER_S)
+
+    def wait(self, now: Time) -> None:
+        """Wait until the wall clock has reached what `now` should be at."""
+        if self._speed <= 0.0:
+            return
+        if self._began is None:
+            self._began = (self._clock(), now)
+        wall, simulated = self._began
+        ahead_s = to_seconds(now - simulated) / self._speed - (self._clock() - wall)
+        if ahead_s > 0.0:
+            self._sleep(ahead_s)
+        else:
+            self.lag_s = max(self.lag_s, -ahead_s)

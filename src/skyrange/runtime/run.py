@@ -1,0 +1,140 @@
+"""What is a run? A wired scenario, a kernel and a recorder, driven to the end or to wherever it stops."""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from skyrange.agent.contracts import Observer
+from skyrange.core.errors import ComponentError, ShortfallError
+from skyrange.core.time import Time, from_seconds, to_seconds
+from skyrange.kernel import Kernel
+from skyrange.record import Recorder
+from skyrange.runtime.interrupt import Interruptible
+from skyrange.runtime.pace import Pace
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.wire import Rig, wire
+
+OnProgress = Callable[[Time, Time], None]
+"""Called with (simulated now, simulated end) between steps."""
+
+
+class Run:
+    """One run of a scenario into one folder.
+
+    `Run.start` checks everything and writes nothing where something is wrong. Then `advance` as far
+    as wanted, `fork` at will, and `finish`; `execute` does it all.
+    """
+
+    def __init__(self, kernel: Kernel, recorder: Recorder, rig: Rig) -> None:
+        self.kernel = kernel
+        self.recorder = recorder
+        self.rig = rig
+        self._wall_s = 0.0
+        self._finished = False
+
+    @classmethod
+    def start(cls, scenario: Scenario, out: Path, *, observers: Sequence[Observer] = ()) -> Run:
+        """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written."""
+        rig = wire(scenario)
+        kernel = Kernel(rig.wiring)
+        record = scenario.record
+        recorder = Recorder.open(out, rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+        for name, data in rig.attachments.items():
+            recorder.attach(name, data)
+        kernel.observe([recorder, *observers])
+        return cls(kernel, recorder, rig)
+
+    @property
+    def now(self) -> Time:
+        """Simulated time reached, in nanoseconds."""
+        return max(self.kernel.now, 0)
+
+    def advance(self, until_s: float) -> None:
+        """Run every instant up to `until_s` simulated seconds, as fast as it goes."""
+        began = time.perf_counter()
+        try:
+            self.kernel.advance(from_seconds(until_s))
+        finally:
+            self._wall_s += time.perf_counter() - began
+
+    def fork(self, out: Path) -> Run:
+        """A second run that continues from here into the folder `out`, with what was recorded so far."""
+        recorder = self.recorder.fork(out)
+        twin = Run(self.kernel.fork([recorder]), recorder, self.rig)
+        twin._wall_s = self._wall_s
+        return twin
+
+    def execute(self, *, speed: float = 0.0, on_progress: OnProgress | None = None) -> None:
+        """Run to the scenario's end and close the record.
+
+        `speed` holds it to that many simulated seconds per wall second; 0 is as fast as it goes.
+        Ctrl-C, or a component's failure, ends it early: the record is whole up to there, its status
+        `interrupted` or `failed`, and `ShortfallError` or the component's error is raised.
+        """
+        pace = Pace(speed)
+        end = self.rig.duration_ns
+        with Interruptible() as interrupt:
+            began = time.perf_counter()
+            try:
+                while self.kernel.now < end and not interrupt.requested:
+                    self.kernel.advance(min(max(self.kernel.now, 0) + pace.step_ns, end))
+                    pace.wait(self.kernel.now)
+                    if on_progress is not None:
+                        on_progress(self.now, end)
+            except ComponentError as error:
+                self._wall_s += time.perf_counter() - began
+                self._fail(str(error))
+                raise
+            self._wall_s += time.perf_counter() - began
+            self.finish("interrupted" if interrupt.requested and self.kernel.now < end else "complete", pace.lag_s)
+        if interrupt.requested and self.kernel.now < end:
+            raise ShortfallError(
+                f"interrupted at {to_seconds(self.now):.1f} of {to_seconds(end):.1f} simulated seconds; "
+                f"what was recorded is in {self.recorder.path}"
+            )
+
+    def finish(self, status: str = "complete", lag_s: float = 0.0) -> None:
+        """Close the record at the time reached. Idempotent."""
+        if self._finished:
+            return
+        self._finished = True
+        self.kernel.finish()
+        self.recorder.close(status, self._summary(lag_s))
+
+    def _fail(self, reason: str) -> None:
+        """Keep what can be kept; the reason for the failure matters more than a failure to note it."""
+        self._finished = True
+        try:
+            self.kernel.finish()
+            self.recorder.close("failed", {**self._summary(0.0), "error": reason})
+        except ComponentError as error:
+            print(f"skyrange: {error}", file=sys.stderr)
+
+    def _summary(self, lag_s: float) -> dict[str, Any]:
+        simulated_s = to_seconds(self.now)
+        return {
+            "simulated_s": simulated_s,
+            "timings": {
+                "wall_s": round(self._wall_s, 3),
+                "real_time_factor": round(simulated_s / self._wall_s, 3) if self._wall_s else None,
+                "max_lag_s": round(lag_s, 3),
+                "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+            },
+        }
+
+
+def free_folder(name: str, parent: Path = Path("runs")) -> Path:
+    """The first of `parent/name`, `parent/name-2`, `parent/name-3` … that does not exist."""
+    stem = "".join(char if char.isalnum() or char in "._-" else "-" for char in name)
+    number = 1
+    while True:
+        path = parent / (stem if number == 1 else f"{stem}-{number}")
+        if not os.path.lexists(path):
+            return path
+        number += 1
