@@ -1,5 +1,5 @@
 # `make demo` and `make test` do all their own set-up in .venv; nothing else is needed but Python 3.11 and make.
-PYTHON ?= python3.11
+PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
 BIN := $(VENV)/bin
 

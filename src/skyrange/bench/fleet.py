@@ -16,7 +16,7 @@ from skyrange.core.errors import ComponentError
 from skyrange.core.time import to_seconds
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.schema import Operator, Scenario, Vehicle, path
+from skyrange.scenario.schema import Operator, Origin, Scenario, Start, Vehicle, path
 
 __all__ = ["PARTS", "fleet_scenario", "measure"]
 
@@ -35,20 +35,20 @@ def fleet_scenario(vehicles: int, seconds: float) -> Scenario:
     columns = math.ceil(math.sqrt(vehicles))
     fleet = [
         Vehicle(
-            start=(SPACING_M * (index % columns), SPACING_M * (index // columns)),
+            start=Start(east_m=SPACING_M * (index % columns), north_m=SPACING_M * (index // columns)),
             plan=path(points, alt_m=30.0, speed_mps=5.0),
         )
         for index in range(vehicles)
     ]
     operators = [
-        Operator(id=f"op{start // PER_OPERATOR + 1}", vehicles=fleet[start : start + PER_OPERATOR])
+        Operator(id=f"op{start // PER_OPERATOR + 1}", vehicles=tuple(fleet[start : start + PER_OPERATOR]))
         for start in range(0, vehicles, PER_OPERATOR)
     ]
     return Scenario(
         name=f"bench fleet {vehicles}",
         duration_s=WARM_UP_S + seconds,
-        origin=(-35.3633280, 149.1652241),
-        operators=operators,
+        origin=Origin(lat=-35.3633280, lon=149.1652241),
+        operators=tuple(operators),
     )
 
 

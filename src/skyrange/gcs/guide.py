@@ -1,0 +1,103 @@
+"""Where is a guided aircraft sent next? Targets one by one, each until it is near enough.
+
+SET_POSITION_TARGET_GLOBAL_INT is not acknowledged, so whether one arrived is judged by what the
+aircraft does: while it comes no nearer, the target is sent again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from skyrange.codec.mavlink import Message
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.gcs.plans import FlightPlan
+
+RESEND_NS = 2 * NS_PER_S
+"""How long an aircraft may come no nearer before its target is sent again."""
+PROGRESS_M = 0.5
+"""What counts as nearer."""
+POSITION_ONLY = 0xDF8
+"""type_mask: velocity, acceleration, yaw and yaw rate are to be ignored."""
+TAKEOFF_SHARE = 0.9
+"""A take-off is over at this share of its height, or within the acceptance radius of it."""
+
+
+class Target(NamedTuple):
+    """A target on the wire: 1e-7 degrees, metres above home."""
+
+    lat_e7: int
+    lon_e7: int
+    above_home_m: float
+
+
+@dataclass(slots=True)
+class Guide:
+    """The targets of one guided plan and how far the aircraft is with them. `at` is -1 during take-off."""
+
+    targets: tuple[Target, ...]
+    acceptance_m: float
+    north_m_per_e7: float
+    east_m_per_e7: float
+    at: int = -1
+    judged_ns: Time = 0
+    nearest_m: float = math.inf
+
+    @classmethod
+    def of(cls, plan: FlightPlan) -> Guide:
+        """The guide of a guided plan, at its beginning."""
+        home, origin = plan.home_enu_m, plan.origin
+        lat, lon = origin.geodetic_of(home.east_m, home.north_m)
+        lat2, lon2 = origin.geodetic_of(home.east_m + 1000.0, home.north_m + 1000.0)
+        targets = []
+        for point in plan.targets_enu_m:
+            where = origin.geodetic_of(point.east_m, point.north_m)
+            targets.append(Target(round(where[0] * 1e7), round(where[1] * 1e7), point.up_m - home.up_m))
+        return cls(tuple(targets), plan.acceptance_m, 1e-4 / (lat2 - lat), 1e-4 / (lon2 - lon))
+
+    @property
+    def takeoff_m(self) -> float:
+        """Height above home to take off to: the first target's."""
+        return self.targets[0].above_home_m
+
+    def distance_m(self, lat_e7: int, lon_e7: int, above_home_mm: int) -> float:
+        """How far a reported position is from the target; during take-off, how much height is missing."""
+        above_m = above_home_mm * 1e-3
+        if self.at < 0:
+            return max(self.takeoff_m - above_m, 0.0)
+        target = self.targets[self.at]
+        north_m = (lat_e7 - target.lat_e7) * self.north_m_per_e7
+        east_m = (lon_e7 - target.lon_e7) * self.east_m_per_e7
+        up_m = above_m - target.above_home_m
+        return math.sqrt(north_m * north_m + east_m * east_m + up_m * up_m)
+
+    def is_reached(self, distance_m: float) -> bool:
+        """Whether the target, or the take-off's height, counts as reached at that distance."""
+        near_m = max(self.acceptance_m, (1.0 - TAKEOFF_SHARE) * self.takeoff_m) if self.at < 0 else self.acceptance_m
+        return distance_m <= near_m
+
+    def advance(self, now: Time) -> bool:
+        """Go on to the next target; false after the last."""
+        self.at += 1
+        self.judged_ns, self.nearest_m = now, math.inf
+        return self.at < len(self.targets)
+
+    def is_stuck(self, now: Time, distance_m: float) -> bool:
+        """Whether the target should be sent again: no nearer for `RESEND_NS`."""
+        if distance_m < self.nearest_m - PROGRESS_M:
+            self.nearest_m, self.judged_ns = distance_m, now
+            return False
+        if self.at < 0 or now - self.judged_ns < RESEND_NS:
+            return False
+        self.judged_ns = now
+        return True
+
+    def message(self, now: Time, system: int, component: int) -> Message:
+        """The present target as SET_POSITION_TARGET_GLOBAL_INT, altitude relative to home."""
+        target = self.targets[self.at]
+        return mav.MAVLink_set_position_target_global_int_message(
+            now // NS_PER_MS & 0xFFFFFFFF, system, component, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, POSITION_ONLY,
+            target.lat_e7, target.lon_e7, target.above_home_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        )  # fmt: skip

@@ -1,0 +1,76 @@
+"""Through which points does a path lead? Shapes in metres east, north, up of a home, and what they cost.
+
+Times are estimates from ArduCopter's default speeds; approval volumes add their own margin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+CLIMB_MPS = 2.5
+"""ArduCopter WPNAV_SPEED_UP, default 250 cm/s (libraries/AC_WPNav/AC_WPNav.cpp)."""
+DESCENT_MPS = 1.5
+"""ArduCopter WPNAV_SPEED_DN, default 150 cm/s (libraries/AC_WPNav/AC_WPNav.cpp)."""
+LAND_MPS = 0.5
+"""ArduCopter LAND_SPEED, default 50 cm/s (ArduCopter/config.h), below `LAND_SLOW_M`."""
+LAND_SLOW_M = 10.0
+"""ArduCopter LAND_ALT_LOW, default 1000 cm."""
+TURN_S = 2.0
+"""Slowing down and speeding up at each point, at WPNAV_ACCEL's default of 2.5 m/s² and 5 m/s."""
+
+
+class Point(NamedTuple):
+    """A point in metres: east, north, up."""
+
+    east_m: float
+    north_m: float
+    up_m: float
+
+
+class Leg(NamedTuple):
+    """One straight piece of a flight: its ends, how fast it is flown over ground, and how long it takes."""
+
+    start: Point
+    end: Point
+    duration_s: float
+
+
+def rectangle(east_m: float, north_m: float, alt_m: float, *, clockwise: bool = True) -> tuple[Point, ...]:
+    """Five points that go round a rectangle whose south-west corner is home, ending where they began.
+
+    Clockwise (seen from above) goes north first; the order is that of the published helper
+    `create_rectangle_path` of uav-cyber-sim.
+    """
+    corners = [(0.0, 0.0), (0.0, north_m), (east_m, north_m), (east_m, 0.0), (0.0, 0.0)]
+    return tuple(Point(east, north, alt_m) for east, north in (corners if clockwise else reversed(corners)))
+
+
+def square(side_m: float, alt_m: float, *, clockwise: bool = True) -> tuple[Point, ...]:
+    """Five points that go round a square whose south-west corner is home."""
+    return rectangle(side_m, side_m, alt_m, clockwise=clockwise)
+
+
+def leg(start: Point, end: Point, speed_mps: float, *, landing: bool = False) -> Leg:
+    """The leg between two points. Horizontal and vertical motion overlap; the slower one counts.
+
+    `landing` flies the last `LAND_SLOW_M` metres down at `LAND_MPS`.
+    """
+    flat_s = math.hypot(end.east_m - start.east_m, end.north_m - start.north_m) / speed_mps
+    rise_m = end.up_m - start.up_m
+    if landing:
+        slow_m = min(LAND_SLOW_M, max(-rise_m, 0.0))
+        tall_s = slow_m / LAND_MPS + max(-rise_m - slow_m, 0.0) / DESCENT_MPS
+    else:
+        tall_s = rise_m / CLIMB_MPS if rise_m > 0 else -rise_m / DESCENT_MPS
+    return Leg(start, end, max(flat_s, tall_s) + TURN_S)
+
+
+def length_m(points: Sequence[Point]) -> float:
+    """Length of the polyline through `points`, in metres."""
+    total = 0.0
+    for a, b in pairwise(points):
+        total += math.dist(a, b)
+    return total

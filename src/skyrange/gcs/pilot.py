@@ -1,0 +1,426 @@
+"""How is one aircraft flown from the ground? Its remote pilot: the lifecycle's table put to work.
+
+The pilot is data plus reactions: to a frame from the aircraft, to a decision of the approval, to a
+time that falls due. It raises events, the table says where they lead, and entering a state does what
+that state is for. Everything it sends or decides names the frames that made it do so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from skyrange.agent.messages import Arrival, Outbox, Scalar
+from skyrange.codec.mavlink import Message, Packer, decode
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.errors import DecodeError
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time, from_seconds, to_seconds
+from skyrange.gcs import scripts
+from skyrange.gcs.belief import Belief, Counts
+from skyrange.gcs.commands import Command, Exchange, result_name
+from skyrange.gcs.filing import Filing
+from skyrange.gcs.flights import Flight, Outcome
+from skyrange.gcs.guide import Guide
+from skyrange.gcs.lifecycle import ARMED, CARRYING, OVER, Event, State, after
+from skyrange.gcs.routes import estimated_duration_s
+from skyrange.gcs.transfer import Download, Transfer, Upload
+from skyrange.gcs.wire_items import wire_items
+from skyrange.utm.messages import DecisionBody
+
+STATION_SYSTEM = 255
+STATION_COMPONENT = mav.MAV_COMP_ID_MISSIONPLANNER
+"""190, what ground stations use by convention."""
+AUTOPILOT_COMPONENT = mav.MAV_COMP_ID_AUTOPILOT1
+HEARTBEAT_NS = NS_PER_S
+"""https://mavlink.io/en/services/heartbeat.html: generally 1 Hz."""
+LINK_TIMEOUT_NS = 5 * NS_PER_S
+"""Silence after which the link counts as lost (heartbeat.html: four or five missed)."""
+STALE_NS = 3 * NS_PER_S
+"""Age of position or mission item, heartbeats still coming, after which the streams are requested again.
+
+Acknowledgements of SET_MESSAGE_INTERVAL do not say which message they are about, so one that comes
+twice can be taken for the next one's; what counts is what comes in."""
+_WATCHED = frozenset({State.WAITING, State.HOLDING, State.FLYING})
+"""States in which the streams are expected to flow, and no command that matters may be under way."""
+
+_CLOCKED = {State.WAITING: Event.DUE, State.HOLDING: Event.DEPARTED}
+"""States that end by the clock, and with which event."""
+
+Refs = tuple[FrameId, ...]
+
+
+@dataclass(slots=True)
+class Pilot:
+    """The remote pilot of one aircraft. `due` is the next time it wants `on_time`, without mail."""
+
+    flight: Flight
+    port: Port
+    approval_port: Port
+    epoch: Epoch
+    streams: tuple[tuple[int, float], ...]
+    state: State = State.PLANNED
+    belief: Belief = field(default_factory=Belief)
+    counts: Counts = field(default_factory=Counts)
+    outcome: Outcome | None = None
+    due: Time = 0
+    intent: str = ""
+    link_lost: bool = False
+    packer: Packer = field(default_factory=lambda: Packer(STATION_SYSTEM, STATION_COMPONENT))
+    heartbeat_due: Time = 0
+    filing: Filing | None = None
+    """The request under way to the approval."""
+    deadline: Time = NEVER
+    transfer: Transfer | None = None
+    upload: Upload | None = None
+    exchange: Exchange | None = None
+    todo: list[Command] = field(default_factory=list)
+    refused: set[str] = field(default_factory=set)
+    """Optional commands' refusals that are in the record already."""
+    guide: Guide | None = None
+    why: Refs = ()
+    """Frames that brought it into its state: causes of what time makes it do there."""
+    reason: str = ""
+    """Why it gave up, while the aircraft is brought home."""
+
+    # --- what comes in -------------------------------------------------------------------------
+
+    def on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> bool:
+        """Read one frame from the aircraft's link; whether `due` may have changed."""
+        self.counts.frames += 1
+        try:
+            message = decode(arrival.payload)
+        except DecodeError as error:
+            self.counts.bad += 1
+            self._note_count("decision.bad_frame", self.counts.bad, str(error), arrival.ref, out)
+            return False
+        header = message._header
+        if header.srcSystem != self.flight.system_id or header.srcComponent != AUTOPILOT_COMPONENT:
+            self.counts.foreign += 1
+            sender = f"{header.srcSystem}/{header.srcComponent}"
+            self._note_count("decision.foreign_frame", self.counts.foreign, f"from {sender}", arrival.ref, out)
+            return False
+        handler = _HANDLERS.get(message.get_msgId())
+        if handler is None:
+            return False
+        handler(self, now, message, arrival.ref, out)
+        self._reschedule()
+        return True
+
+    def on_decision(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
+        """The approval answered this aircraft's intent; later answers change nothing."""
+        if self.state is not State.REQUESTING:
+            return
+        if decision.decision == "Accepted":
+            self._raise(Event.APPROVED, now, out, (ref,), {"ovn": decision.ovn})
+        else:
+            self.reason = f"approval rejected: {decision.reason}" if decision.reason else "approval rejected"
+            data: dict[str, Scalar] = {"reason": decision.reason, "alternatives": len(decision.alternatives)}
+            self._raise(Event.REJECTED, now, out, (ref,), data)
+        self._reschedule()
+
+    def on_time(self, now: Time, out: Outbox) -> None:
+        """Do what has fallen due."""
+        if self.state is State.PLANNED:
+            self._raise(Event.BEGUN, now, out, ())
+        if now >= self.heartbeat_due:
+            self._beat(now, out)
+        if self.filing is not None and now >= self.filing.due:
+            self._file(self.filing, now, out)
+        if self.transfer is not None and now >= self.transfer.due:
+            self._say(self.transfer.on_time(now), out, self.why)
+            self._transfer_ended(now, out, self.why)
+        if self.exchange is not None and now >= self.exchange.due:
+            self._press(now, out, self.why)
+        if self.state in _CLOCKED and now >= self._clock_ns():
+            self._raise(_CLOCKED[self.state], now, out, self.why)
+        if now >= self.deadline and self.state not in OVER:
+            self._give_up(f"{self.state.value} for too long", now, out, self.why)
+        self._reschedule()
+
+    # --- frames by message -----------------------------------------------------------------------
+
+    def _on_heartbeat(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        if self.link_lost:
+            self.link_lost = False
+            out.note("decision.link_restored", self.flight.vehicle, None, (ref,))
+        if self.belief.on_heartbeat(now, message, ref):
+            name = result_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
+            out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
+        if self.state is State.CONNECTING:
+            self._raise(Event.HEARD, now, out, (ref,))
+        elif self.state is State.ARMING and self.belief.armed:
+            self._drop_commands()  # its acknowledgement may have been lost
+            self._raise(Event.ARMED, now, out, (ref,))
+        elif self.state in ARMED and not self.belief.armed:
+            self._disarmed(now, out, ref)
+
+    def _on_position(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        self.belief.on_position(now, message, ref)
+        guide = self.guide
+        if guide is None or self.state is not State.FLYING:
+            return
+        distance_m = guide.distance_m(message.lat, message.lon, message.relative_alt)
+        if guide.is_reached(distance_m):
+            data: dict[str, Scalar] = {"target": guide.at + 1, "of": len(guide.targets)}
+            out.note("decision.target_reached", self.flight.vehicle, data, (ref,))
+            if guide.advance(now):
+                self._send_target(guide, now, out, (ref,))
+            else:
+                self._raise(Event.PLAN_DONE, now, out, (ref,))
+        elif guide.is_stuck(now, distance_m):
+            self._send_target(guide, now, out, (ref,))
+
+    def _on_current(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        if self.belief.on_current(now, message, ref) and self.state is State.FLYING and self.guide is None:
+            data: dict[str, Scalar] = {"item": message.seq, "of": len(self.flight.plan.items)}
+            out.note("decision.progress", self.flight.vehicle, data, (ref,))
+        if message.mission_state == mav.MISSION_STATE_COMPLETE:
+            self._mission_done(now, out, ref)
+
+    def _on_reached(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        self.belief.farthest_item = max(self.belief.farthest_item, message.seq)
+        if message.seq == scripts.last_leg(self.flight.plan):
+            self._mission_done(now, out, ref)
+
+    def _on_item_request(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        if self.upload is not None and self.state in CARRYING and _is_ours(message):
+            self._say(self.upload.on_request(now, message.seq), out, (ref,))
+
+    def _on_mission_ack(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        if self.transfer is not None and _is_ours(message):
+            self.transfer.on_ack(now, message.type)
+            self._transfer_ended(now, out, (ref,))
+
+    def _on_count(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        if isinstance(self.transfer, Download) and _is_ours(message):
+            self._say(self.transfer.on_count(now, message.count), out, (ref,))
+            self._transfer_ended(now, out, (ref,))
+
+    def _on_item(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        if isinstance(self.transfer, Download) and _is_ours(message):
+            self._say(self.transfer.on_item(now, message), out, (ref,))
+            self._transfer_ended(now, out, (ref,))
+
+    def _on_command_ack(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        exchange = self.exchange
+        if exchange is None or message.command != exchange.command.command:
+            return
+        if message.target_system not in (0, STATION_SYSTEM):
+            return
+        answer = exchange.on_ack(now, message.result)
+        if answer == "accepted":
+            self._next_command(now, out, (ref,))
+        elif answer != "wait":
+            self._refused(answer, now, out, (ref,))
+
+    # --- events and states -----------------------------------------------------------------------
+
+    def _raise(self, event: Event, now: Time, out: Outbox, causes: Refs, data: dict[str, Scalar] | None = None) -> None:
+        self.state = after(self.state, event, self.flight.vehicle)
+        self.why = causes
+        limit_s = scripts.limit_s(self.state, estimated_duration_s(self.flight.plan) if self.state in ARMED else 0.0)
+        self.deadline = NEVER if limit_s is None else now + from_seconds(limit_s)
+        kind = scripts.NOTES[event]
+        if kind:
+            out.note(kind, self.flight.vehicle, data, causes)
+        self._enter(now, out, causes)
+
+    def _enter(self, now: Time, out: Outbox, causes: Refs) -> None:
+        state, plan = self.state, self.flight.plan
+        if state not in CARRYING:
+            self.transfer = self.upload = None
+        if state is not State.REQUESTING:
+            self.filing = None
+        else:
+            self.filing = Filing.of(self.flight, max(now, self._depart_ns()), self.epoch)
+            self.intent = self.filing.intent.id
+            out.note("decision.approval_requested", self.flight.vehicle, self.filing.summary())
+            self._file(self.filing, now, out)
+        if state is State.CONNECTING and now - self.belief.heard_ns < LINK_TIMEOUT_NS:
+            self._raise(Event.HEARD, now, out, causes)
+        elif state is State.UPLOADING:
+            if plan.kind == "guided":
+                self.guide = Guide.of(plan)
+                self._raise(Event.NOTHING_TO_UPLOAD, now, out, causes)
+            else:
+                self.upload = Upload(wire_items(plan), self.flight.system_id, AUTOPILOT_COMPONENT)
+                self._transfer(self.upload, now, out, causes)
+        elif state is State.VERIFYING and self.upload is not None:
+            download = Download(self.upload.items, self.flight.system_id, AUTOPILOT_COMPONENT)
+            self._transfer(download, now, out, causes)
+        elif state in _CLOCKED and now >= self._clock_ns():
+            self._raise(_CLOCKED[state], now, out, causes)
+        elif state is State.PREPARING:
+            self.belief.position_ns = self.belief.item_ns = now
+        elif state is State.FLYING:
+            self.belief.farthest_item = 0
+        elif state in OVER:
+            self._over(now, out, causes)
+        commands = scripts.commands(state, plan, self.streams)
+        if commands and self.state is state:
+            self.todo = list(commands)
+            self._next_command(now, out, causes)
+
+    def _over(self, now: Time, out: Outbox, causes: Refs) -> None:
+        self._drop_commands()
+        self.outcome = Outcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
+        reason = self.outcome.reason
+        if reason:
+            out.note("decision.failed", self.flight.vehicle, {"reason": reason}, causes)
+        out.note("event.outcome", self.flight.vehicle, {"state": self.state.value, "reason": reason}, causes)
+
+    def _give_up(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
+        self.reason = f"{self.reason}; {reason}" if self.reason else reason
+        self._drop_commands()
+        self._raise(Event.GAVE_UP, now, out, causes, {"reason": reason})
+
+    def _disarmed(self, now: Time, out: Outbox, ref: FrameId) -> None:
+        progress = self.guide.at if self.guide is not None else self.belief.farthest_item
+        too_early = scripts.too_early(self.state, self.flight.plan, progress)
+        self.reason = self.reason or too_early
+        self._raise(Event.DISARMED if too_early else Event.LANDED, now, out, (ref,))
+
+    def _mission_done(self, now: Time, out: Outbox, ref: FrameId) -> None:
+        """The last leg is flown; a mission that does not land leaves that to the ground station."""
+        plan = self.flight.plan
+        if self.state is State.FLYING and plan.kind == "auto" and not scripts.lands_itself(plan):
+            self._raise(Event.PLAN_DONE, now, out, (ref,))
+
+    # --- requests, transfers, commands ----------------------------------------------------------------------
+
+    def _file(self, filing: Filing, now: Time, out: Outbox) -> None:
+        if filing.try_again(now):
+            out.send(self.approval_port, filing.payload)
+        else:
+            self._give_up(f"approval: no answer after {filing.tries} requests", now, out, ())
+
+    def _transfer(self, transfer: Transfer, now: Time, out: Outbox, causes: Refs) -> None:
+        self.transfer = transfer
+        self._say(transfer.begin(now), out, causes)
+
+    def _transfer_ended(self, now: Time, out: Outbox, causes: Refs) -> None:
+        transfer = self.transfer
+        if transfer is None or not transfer.result:
+            return
+        if transfer.result != "done":
+            self._give_up(transfer.result, now, out, causes)
+            return
+        data: dict[str, Scalar] = {"items": len(transfer.items) - 1, "attempts": transfer.attempts}
+        self._raise(Event.UPLOADED if transfer is self.upload else Event.VERIFIED, now, out, causes, data)
+
+    def _next_command(self, now: Time, out: Outbox, causes: Refs) -> None:
+        """Begin the next command, or say that all are done."""
+        if self.todo:
+            self.exchange = Exchange(self.todo.pop(0))
+            self.exchange.begin(now)
+            self.why = causes or self.why
+            self._press(now, out, causes)
+            return
+        self.exchange = None
+        event = scripts.DONE.get(self.state)
+        if event is not None:
+            self._raise(event, now, out, causes)
+
+    def _press(self, now: Time, out: Outbox, causes: Refs) -> None:
+        """Send the present command (again) if it is time to."""
+        exchange = self.exchange
+        assert exchange is not None
+        action = exchange.on_time(now)
+        if action == "send":
+            self._say([exchange.message(self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
+        elif action != "wait":
+            self._refused(action, now, out, causes)
+
+    def _refused(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
+        exchange = self.exchange
+        if exchange is not None and exchange.command.optional:
+            if reason not in self.refused:
+                self.refused.add(reason)
+                out.note("decision.command_refused", self.flight.vehicle, {"reason": reason}, causes)
+            self._next_command(now, out, causes)
+        else:
+            self._give_up(reason, now, out, causes)
+
+    def _drop_commands(self) -> None:
+        self.exchange = None
+        self.todo = []
+
+    # --- time ------------------------------------------------------------------------------------------
+
+    def _beat(self, now: Time, out: Outbox) -> None:
+        """Once a second: a heartbeat, and a look at how old the news is."""
+        self.heartbeat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
+        message = mav.MAVLink_heartbeat_message(
+            mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3
+        )
+        self._say([message], out, ())
+        if self.state in OVER:
+            return
+        belief = self.belief
+        silent = now - belief.heard_ns > LINK_TIMEOUT_NS
+        if silent and belief.heard_ns >= 0 and not self.link_lost:
+            self.link_lost = True
+            out.note("decision.link_lost", self.flight.vehicle, {"silent_s": to_seconds(now - belief.heard_ns)})
+        if not silent and self.state in _WATCHED and self.exchange is None:
+            told_ns = belief.position_ns if self.guide else min(belief.position_ns, belief.item_ns)
+            if now - told_ns > STALE_NS:
+                belief.position_ns = belief.item_ns = now  # not again before they are stale again
+                self.todo = list(scripts.stream_commands(self.streams))
+                self._next_command(now, out, ())
+
+    def _depart_ns(self) -> Time:
+        return from_seconds(self.flight.depart_s)
+
+    def _clock_ns(self) -> Time:
+        """What a state of `_CLOCKED` waits for."""
+        lead_s = scripts.ARM_LEAD_S if self.state is State.WAITING else 0.0
+        return self._depart_ns() - from_seconds(lead_s)
+
+    def _reschedule(self) -> None:
+        due = min(self.heartbeat_due, self.deadline)
+        if self.filing is not None:
+            due = min(due, self.filing.due)
+        if self.transfer is not None:
+            due = min(due, self.transfer.due)
+        if self.exchange is not None:
+            due = min(due, self.exchange.due)
+        if self.state in _CLOCKED:
+            due = min(due, self._clock_ns())
+        self.due = due
+
+    # --- what goes out ---------------------------------------------------------------------------------
+
+    def _send_target(self, guide: Guide, now: Time, out: Outbox, causes: Refs) -> None:
+        self._say([guide.message(now, self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
+
+    def _say(self, messages: list[Message], out: Outbox, causes: Refs) -> None:
+        for message in messages:
+            out.send(self.port, self.packer.pack(message), causes)
+
+    def _note_count(self, kind: str, count: int, reason: str, ref: FrameId, out: Outbox) -> None:
+        if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
+            out.note(kind, self.flight.vehicle, {"count": count, "reason": reason}, (ref,))
+
+
+def _is_ours(message: Message) -> bool:
+    """Whether a mission message is about flight plans (not fences) and for this station."""
+    return (
+        message.mission_type == mav.MAV_MISSION_TYPE_MISSION
+        and message.target_system in (0, STATION_SYSTEM)
+        and message.target_component in (0, STATION_COMPONENT)
+    )
+
+
+_HANDLERS = {
+    mav.MAVLINK_MSG_ID_HEARTBEAT: Pilot._on_heartbeat,
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Pilot._on_position,
+    mav.MAVLINK_MSG_ID_MISSION_CURRENT: Pilot._on_current,
+    mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: Pilot._on_reached,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: Pilot._on_item_request,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST: Pilot._on_item_request,
+    mav.MAVLINK_MSG_ID_MISSION_ACK: Pilot._on_mission_ack,
+    mav.MAVLINK_MSG_ID_MISSION_COUNT: Pilot._on_count,
+    mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: Pilot._on_item,
+    mav.MAVLINK_MSG_ID_COMMAND_ACK: Pilot._on_command_ack,
+}
+"""What is read beyond its header; all other telemetry is decoded (bad frames count) and left."""

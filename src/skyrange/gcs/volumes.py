@@ -1,0 +1,70 @@
+"""Which airspace does a plan claim, and when? One 4-D volume per leg, with stated margins.
+
+A volume is the leg's footprint widened by `horizontal_m` all round, the band of its heights widened by
+`vertical_m` (not below the ground), and the time it is expected to be flown, `early_s` before to
+`late_s` after, plus a share of the time flown so far, since estimates drift.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from shapely.geometry import LineString, Point, Polygon
+from shapely.geometry.polygon import orient
+
+from skyrange.core.time import Time, from_seconds
+from skyrange.core.volumes import Volume4D
+from skyrange.gcs.paths import Leg
+from skyrange.gcs.plans import FlightPlan
+from skyrange.gcs.routes import legs
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """How much more airspace and time than the estimate is claimed; all at least 0, `horizontal_m` above 0."""
+
+    horizontal_m: float = 5.0
+    vertical_m: float = 3.0
+    early_s: float = 5.0
+    late_s: float = 30.0
+    drift: float = 0.25
+    """Share of the flight time so far by which a leg may be late."""
+
+
+MARGINS = Margins()
+_QUADRANT_SEGMENTS = 2
+_CIRCUMSCRIBE = 1.0 / math.cos(math.pi / 8.0)
+"""Round ends are octagons, to have few vertices; this factor puts the circle inside its octagon."""
+
+
+def volumes(plan: FlightPlan, depart_ns: Time, margins: Margins = MARGINS) -> tuple[Volume4D, ...]:
+    """The volumes of `plan`, taking off at `depart_ns`, one per leg, in flying order."""
+    out: list[Volume4D] = []
+    since_s = 0.0
+    for leg in legs(plan):
+        until_s = since_s + leg.duration_s
+        out.append(_volume(plan, leg, depart_ns, since_s, until_s, margins))
+        since_s = until_s
+    return tuple(out)
+
+
+def _volume(plan: FlightPlan, leg: Leg, depart_ns: Time, since_s: float, until_s: float, margins: Margins) -> Volume4D:
+    origin = plan.origin
+    a, b = leg.start, leg.end
+    still = (a.east_m, a.north_m) == (b.east_m, b.north_m)
+    line = Point(a.east_m, a.north_m) if still else LineString([(a.east_m, a.north_m), (b.east_m, b.north_m)])
+    ring: Polygon = orient(line.buffer(margins.horizontal_m * _CIRCUMSCRIBE, quad_segs=_QUADRANT_SEGMENTS))
+    corners = np.asarray(ring.exterior.coords)[:-1]
+    lat, lon = origin.to_geodetic(corners[:, 0], corners[:, 1])
+    to_ellipsoid_m = origin.alt_msl_m + origin.geoid_m
+    lower_m = max(min(a.up_m, b.up_m) - margins.vertical_m, 0.0)
+    upper_m = max(a.up_m, b.up_m) + margins.vertical_m
+    return Volume4D(
+        outline=tuple(zip(lat.tolist(), lon.tolist(), strict=True)),
+        lower_m=lower_m + to_ellipsoid_m,
+        upper_m=upper_m + to_ellipsoid_m,
+        start_ns=depart_ns + from_seconds(since_s - margins.early_s),
+        end_ns=depart_ns + from_seconds(until_s * (1.0 + margins.drift) + margins.late_s),
+    )

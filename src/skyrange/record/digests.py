@@ -1,0 +1,159 @@
+"""Is this the same run? Three digests of what happened, joined in one fingerprint.
+
+`frames` and `truth` are sums modulo 2**128 of one hash per row, so neither the order of recording nor a
+division into shards changes them. They tell runs apart; they are no defence against a forger, who could
+search for rows with a given sum. `events` has no times in it and so travels between machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from hashlib import blake2b
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+
+Words = NDArray[np.uint64]
+
+_MODULUS = 1 << 128
+_30, _27, _31, _33 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(33)
+# One lane mixes as SplitMix64 does (Steele, Lea & Flood, OOPSLA 2014, doi 10.1145/2660193.2660195, with the constants
+# of Stafford's variant 13), the other by MurmurHash3's fmix64 (Appleby, public domain).
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_S1, _S2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_F1, _F2 = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
+
+
+@kernel
+def _sum_rows(words: Words) -> tuple[np.uint64, np.uint64]:
+    """The sum modulo 2**128 of the rows' 128-bit hashes, as (high, low) words; `words` is (rows, columns)."""
+    high = np.uint64(0)
+    low = np.uint64(0)
+    for row in range(words.shape[0]):
+        a = _GOLDEN
+        b = _F1
+        for column in range(words.shape[1]):
+            word = words[row, column]
+            a = (a ^ word) + _GOLDEN
+            a = (a ^ (a >> _30)) * _S1
+            a = (a ^ (a >> _27)) * _S2
+            a = a ^ (a >> _31)
+            b = b + word * _S1 + _GOLDEN
+            b = (b ^ (b >> _33)) * _F1
+            b = (b ^ (b >> _33)) * _F2
+            b = b ^ (b >> _33)
+        before = low
+        low = low + b
+        high = high + a
+        if low < before:
+            high = high + np.uint64(1)
+    return high, low
+
+
+def hash_rows(words: Words) -> int:
+    """Sum modulo 2**128 of the hashes of the rows of `words`, shape (rows, columns) of uint64."""
+    high, low = _sum_rows(np.ascontiguousarray(words, dtype=np.uint64))
+    return (int(high) << 64) | int(low)
+
+
+def payload_hash(payload: bytes) -> bytes:
+    """16 bytes of BLAKE2b (RFC 7693): payloads may be hostile, so theirs is a cryptographic hash."""
+    return blake2b(payload, digest_size=16).digest()
+
+
+@dataclass(slots=True)
+class Happened:
+    """What the vehicles' events were, by the vehicle they are about: (time, source, kind), as recorded."""
+
+    about: dict[str, list[tuple[int, str, str]]] = field(default_factory=dict)
+
+    def add(self, about: str, time_ns: int, source: str, kind: str) -> None:
+        """One event."""
+        self.about.setdefault(about, []).append((time_ns, source, kind))
+
+    def hex(self) -> str:
+        """Each vehicle's kinds chained in order of time (then source, then its own order); chains in order of id."""
+        whole = blake2b(digest_size=16)
+        for about in sorted(self.about):
+            chain = b""
+            for _, _, kind in sorted(self.about[about], key=_when):
+                chain = blake2b(chain + kind.encode(), digest_size=16).digest()
+            whole.update(len(about.encode()).to_bytes(4, "little") + about.encode() + chain)
+        return whole.hexdigest()
+
+
+def _when(event: tuple[int, str, str]) -> tuple[int, str]:
+    return event[0], event[1]
+
+
+@dataclass(slots=True)
+class Digests:
+    """A run's digests while it is recorded: plain data, so copies are independent and shards add up.
+
+    Adding the digests of two shards gives those of the whole, whatever the order, provided that no source
+    notes events about one vehicle in both at the same instant.
+    """
+
+    frames_sum: int = 0
+    truth_sum: int = 0
+    happened: Happened = field(default_factory=Happened)
+
+    def add_frames(self, words: Words) -> None:
+        """Frames' rows, (n, columns) as `FrameEncoder` lays them out."""
+        self.frames_sum = (self.frames_sum + hash_rows(words)) % _MODULUS
+
+    def add_truth(self, words: Words) -> None:
+        """Truth's rows, (n, columns) as `truth_words` lays them out."""
+        self.truth_sum = (self.truth_sum + hash_rows(words)) % _MODULUS
+
+    def add_event(self, about: str, time_ns: int, source: str, kind: str) -> None:
+        """An event; times only order the events of one vehicle and are not hashed."""
+        self.happened.add(about, time_ns, source, kind)
+
+    def __add__(self, other: Digests) -> Digests:
+        merged: dict[str, list[tuple[int, str, str]]] = {}
+        for part in (self.happened.about, other.happened.about):
+            for about, events in part.items():
+                merged.setdefault(about, []).extend(events)
+        return Digests(
+            (self.frames_sum + other.frames_sum) % _MODULUS,
+            (self.truth_sum + other.truth_sum) % _MODULUS,
+            Happened(merged),
+        )
+
+    @property
+    def events(self) -> str:
+        """32 hex digits: kinds of events and their order per vehicle, no times."""
+        return self.happened.hex()
+
+    @property
+    def frames(self) -> str:
+        """32 hex digits: every frame's identity, times, fate, payload, parent and causes."""
+        return f"{self.frames_sum:032x}"
+
+    @property
+    def truth(self) -> str:
+        """32 hex digits: the bit pattern of every recorded truth row."""
+        return f"{self.truth_sum:032x}"
+
+    @property
+    def fingerprint(self) -> str:
+        """32 hex digits: BLAKE2b of the three."""
+        return joined([self.events, self.frames, self.truth])
+
+    def to_dict(self) -> dict[str, str]:
+        """The manifest's `digests`."""
+        return {
+            "events": self.events,
+            "frames": self.frames,
+            "truth": self.truth,
+            "fingerprint": self.fingerprint,
+        }
+
+
+def joined(digests: Sequence[str]) -> str:
+    """One digest of several, in their order: 32 hex digits."""
+    return blake2b("\n".join(digests).encode(), digest_size=16).hexdigest()

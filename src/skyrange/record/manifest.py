@@ -1,0 +1,89 @@
+"""What does a run's `manifest.json` say, and how is it replaced without ever being half there?"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from skyrange.core.errors import InputError
+from skyrange.record.schema import FORMAT
+
+MANIFEST = "manifest.json"
+
+RUNNING = "running"
+ENDINGS = ("complete", "interrupted", "failed")
+"""How a run may end; one whose manifest still says `running` was killed, or runs."""
+
+_PACKAGES = ("skyrange", "numpy", "numba", "pyarrow", "pymavlink")
+
+
+def here() -> dict[str, Any]:
+    """What made the run: the manifest's `skyrange`, `versions` and `platform`.
+
+    `platform.numeric` names what exact digests may depend on: two runs compare by `frames` and `truth` only
+    where it is the same.
+    """
+    from llvmlite import binding  # type: ignore[import-untyped]  # numba's compiler: what its kernels are made for
+
+    versions = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            versions[package] = "unknown"
+    numeric = f"{platform.machine()} {binding.get_host_cpu_name()} numpy {versions['numpy']} numba {versions['numba']}"
+    return {
+        "skyrange": versions["skyrange"],
+        "versions": versions,
+        "platform": {"system": platform.platform(), "machine": platform.machine(), "numeric": numeric},
+    }
+
+
+def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
+    """Replace the manifest by renaming a whole new file over it; `OSError` leaves the old one as it was."""
+    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    new = folder / f"{MANIFEST}.new"
+    try:
+        with new.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(folder / MANIFEST)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of the run in `folder`; `InputError` for no run, another format, or a file that is no manifest."""
+    who = str(folder)
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        raise InputError.one(who, "path", who, "a run's folder", "It does not exist or is no folder.")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        hint = "`skyrange run SCENARIO --out DIR` makes one."
+        raise InputError.one(who, MANIFEST, "missing", "a run's folder, which has one", hint) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError.one(who, MANIFEST, str(error), "a readable JSON file in UTF-8") from None
+    try:
+        manifest = json.loads(text)
+    except json.JSONDecodeError as error:
+        where = f"{MANIFEST}:{error.lineno}"
+        raise InputError.one(who, where, error.msg, "a JSON object", "The file is damaged.") from None
+    if not isinstance(manifest, dict):
+        raise InputError.one(who, MANIFEST, type(manifest).__name__, "a JSON object", "The file is damaged.")
+    found = manifest.get("format")
+    if found != FORMAT:
+        hint = "It was written by another version of skyrange." if str(found).startswith("skyrange.run/") else ""
+        raise InputError.one(who, f"{MANIFEST}: format", repr(found), repr(FORMAT), hint)
+    status = manifest.get("status")
+    if status != RUNNING and status not in ENDINGS:
+        raise InputError.one(who, f"{MANIFEST}: status", repr(status), f"one of {', '.join((RUNNING, *ENDINGS))}")
+    return manifest

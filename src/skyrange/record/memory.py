@@ -1,0 +1,99 @@
+"""What happened in a run that no disk needs to know about? An observer that keeps everything in lists."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import deepcopy
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skyrange.agent.contracts import World
+from skyrange.agent.frames import Frame
+from skyrange.agent.messages import Note
+from skyrange.agent.verdicts import Label
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.record.digests import Digests
+from skyrange.record.frames import FrameEncoder
+from skyrange.record.notes import OUTCOME, outcome
+from skyrange.record.ticks import TruthTick, truth_words
+
+
+class Noted(NamedTuple):
+    """A note with its time and source."""
+
+    time_ns: Time
+    source: str
+    note: Note
+
+
+class MemoryObserver:
+    """An `agent.contracts.Observer` that keeps frames, notes, labels and truth, in the order it was told.
+
+    Its digests are those a `Recorder` of the same truth period would have. Copies are independent and share
+    the frames, which do not change any more once they were observed.
+    """
+
+    def __init__(self, truth_period_ns: Time = NS_PER_S // 10) -> None:
+        """Truth is kept every `truth_period_ns` of simulated time."""
+        self.truth_period_ns = truth_period_ns
+        self.frames: list[Frame] = []
+        self.notes: list[Noted] = []
+        self.labels: list[Label] = []
+        self.truth: list[TruthTick] = []
+        self._truth_due: Time | None = None
+
+    def on_frame(self, frame: Frame) -> None:
+        """A frame met its fate."""
+        self.frames.append(frame)
+
+    def on_note(self, now: Time, source: str, note: Note) -> None:
+        """Something was decided or happened."""
+        self.notes.append(Noted(now, source, note))
+
+    def on_label(self, label: Label) -> None:
+        """A hostile act."""
+        self.labels.append(label)
+
+    def on_truth(self, now: Time, world: World) -> None:
+        """A tick ended; kept where it is the first at or after a multiple of the period."""
+        vehicles = tuple(world.vehicles)
+        if vehicles and (self._truth_due is None or now >= self._truth_due):
+            self._truth_due = now - now % self.truth_period_ns + self.truth_period_ns
+            columns = {name: np.array(values, dtype=np.float64) for name, values in world.truth().items()}
+            self.truth.append(TruthTick(now, vehicles, columns))
+
+    @property
+    def digests(self) -> Digests:
+        """The digests of all that was observed so far."""
+        found = Digests()
+        if self.frames:
+            found.add_frames(FrameEncoder(1 << 22).encode(self.frames).words)
+        if self.truth:
+            found.add_truth(truth_words(self.truth))
+        for time_ns, source, note in self.notes:
+            if note.kind.startswith("event."):
+                found.add_event(note.about, time_ns, source, note.kind)
+        return found
+
+    @property
+    def outcomes(self) -> dict[str, dict[str, Any]]:
+        """state, reason and finished_s of each aircraft whose outcome was noted."""
+        return {
+            noted.note.about: outcome(noted.time_ns, noted.note.data)
+            for noted in self.notes
+            if noted.note.kind == OUTCOME
+        }
+
+    def kinds(self, about: str) -> Sequence[str]:
+        """The kinds of all notes about a vehicle, operator or endpoint, in order."""
+        return [noted.note.kind for noted in self.notes if noted.note.about == about]
+
+    def __deepcopy__(self, memo: dict[int, object]) -> MemoryObserver:
+        twin = MemoryObserver(self.truth_period_ns)
+        twin.frames = list(self.frames)
+        twin.notes = deepcopy(self.notes, memo)
+        twin.labels = list(self.labels)
+        twin.truth = list(self.truth)
+        twin._truth_due = self._truth_due
+        return twin

@@ -1,0 +1,90 @@
+"""How do notes and labels become rows, and what came of each aircraft's mission?"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import pyarrow as pa
+
+from skyrange.agent.messages import Note, Scalar
+from skyrange.agent.verdicts import Label
+from skyrange.core.errors import ComponentError
+from skyrange.core.time import Time, to_seconds
+from skyrange.record.schema import arrow_schema
+
+OUTCOME = "event.outcome"
+"""The event that closes an aircraft's mission: `state` complete or failed, and a `reason`."""
+
+UNFINISHED = "unfinished"
+"""The state of an aircraft whose outcome was never noted."""
+
+NoteRow = tuple[Time, str, str, str, str, list[str]]
+"""time_ns, kind, about, source, data (JSON), causes."""
+
+
+def table_of(kind: str) -> str:
+    """Which table a note belongs to: `decisions` for `decision.…`, else `events`."""
+    return "decisions" if kind.startswith("decision.") else "events"
+
+
+def note_row(now: Time, source: str, note: Note) -> NoteRow:
+    """The row of a note, its details frozen as they are now; `ComponentError` blames a source of non-scalars."""
+    data = {key: _plain(value) for key, value in note.data.items()}
+    try:
+        text = json.dumps(data, ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        problem = f"noted {note.kind} with data {dict(note.data)!r}, which is not of scalars"
+        raise ComponentError(source, problem, "Notes hold str, int, float, bool and None") from error
+    return now, note.kind, note.about, source, text, [str(cause) for cause in note.causes]
+
+
+def _plain(value: Scalar) -> Scalar:
+    """JSON has no infinities and no not-a-number: they become the strings `inf`, `-inf`, `nan`."""
+    return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def note_batch(table: str, rows: Sequence[NoteRow]) -> pa.RecordBatch:
+    """Rows of `decisions` or `events`."""
+    return pa.RecordBatch.from_arrays(_columns(table, rows), schema=arrow_schema(table))
+
+
+def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
+    """Rows of `labels`."""
+    rows = [
+        (
+            label.at_ns,
+            label.attack,
+            label.actor,
+            label.action,
+            str(label.frame),
+            None if label.child is None else str(label.child),
+            label.until_ns,
+        )
+        for label in labels
+    ]
+    return pa.RecordBatch.from_arrays(_columns("labels", rows), schema=arrow_schema("labels"))
+
+
+def _columns(table: str, rows: Sequence[Sequence[Any]]) -> list[pa.Array]:
+    schema = arrow_schema(table)
+    return [pa.array([row[place] for row in rows], field.type) for place, field in enumerate(schema)]
+
+
+def outcome(now: Time, data: Mapping[str, Any]) -> dict[str, Any]:
+    """The manifest's entry for an aircraft whose outcome was noted."""
+    return {"state": data.get("state"), "reason": data.get("reason"), "finished_s": to_seconds(now)}
+
+
+def outcomes(vehicles: Iterable[str], noted: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """An entry for every declared aircraft and for every other that an outcome was noted of."""
+    unfinished: dict[str, Any] = {"state": UNFINISHED, "reason": "", "finished_s": None}
+    return {vehicle: dict(noted.get(vehicle, unfinished)) for vehicle in [*dict.fromkeys([*vehicles, *noted])]}
+
+
+def vehicle_ids(manifest: Mapping[str, Any]) -> list[str]:
+    """The range-wide ids of the manifest's vehicles."""
+    rows = manifest.get("vehicles") or []
+    return [str(row["id"]) if "/" in str(row["id"]) else f"{row.get('operator')}/{row['id']}" for row in rows]

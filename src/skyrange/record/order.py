@@ -1,0 +1,74 @@
+"""How are recorded rows read in order of time without holding them all?
+
+Rows are recorded as frames meet their fate, which is nearly their order in time. A first reading finds how
+far each batch reaches back and sets apart the few stragglers (a frame held for a minute); a second yields
+rows as soon as no later batch can precede them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from skyrange.core.time import NEVER
+
+REACH_ROWS = 131_072
+"""A row is a straggler when as many rows or more, recorded since, lie between it and a later one recorded before."""
+
+
+def in_order(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
+    """The rows of all tables in ascending order of `key` (int64, not null), then of the columns `ties`.
+
+    `tables` starts a reading and is called twice. Memory: at most about `REACH_ROWS` rows, a
+    batch, and the stragglers.
+    """
+    sorting = [(name, "ascending") for name in (key, *ties)]
+    floors: list[int] = []
+    marks: list[int] = []
+    late: list[pa.Table] = []
+    recent: deque[tuple[int, int]] = deque()  # (rows, highest key up to there) of the batches within reach
+    recent_rows, highest, mark = 0, -NEVER, -NEVER
+    for table in tables():
+        keys = _keys(table, key)
+        straggling = keys < mark
+        if straggling.any():
+            late.append(table.filter(pa.array(straggling)))
+        prompt = keys[~straggling]
+        floors.append(int(prompt.min()) if len(prompt) else NEVER)
+        marks.append(mark)
+        highest = max(highest, int(keys.max()) if len(keys) else -NEVER)
+        recent.append((len(keys), highest))
+        recent_rows += len(keys)
+        while recent_rows - recent[0][0] >= REACH_ROWS:
+            rows, mark = recent.popleft()
+            recent_rows -= rows
+    later = np.array([*floors[1:], NEVER], dtype=np.int64)
+    bounds = np.minimum.accumulate(later[::-1])[::-1].tolist()
+    stragglers = pa.concat_tables(late).sort_by(sorting) if late else None
+    pool: pa.Table | None = None
+    for table, mark, bound in zip(tables(), marks, bounds, strict=False):
+        keys = _keys(table, key)
+        prompt_rows = table if (keys >= mark).all() else table.filter(pa.array(keys >= mark))
+        parts = [part for part in (pool, prompt_rows) if part is not None]
+        if stragglers is not None:
+            due = int(np.searchsorted(_keys(stragglers, key), bound))
+            parts.append(stragglers.slice(0, due))
+            stragglers = stragglers.slice(due)
+        pool = pa.concat_tables(parts).sort_by(sorting)
+        # at the last batch the bound is beyond every row, those at NEVER itself included
+        ready = pool.num_rows if bound == NEVER else int(np.searchsorted(_keys(pool, key), bound))
+        if ready:
+            yield pool.slice(0, ready)
+            pool = pool.slice(ready)
+    rest = [part for part in (pool, stragglers) if part is not None and part.num_rows]
+    if rest:
+        yield pa.concat_tables(rest).sort_by(sorting)
+
+
+def _keys(table: pa.Table, key: str) -> NDArray[np.int64]:
+    keys: NDArray[np.int64] = table.column(key).to_numpy()
+    return keys

@@ -1,0 +1,361 @@
+"""How is a run written down while it flies? An observer that streams to the run's folder, bounded in memory.
+
+What is observed waits in plain lists and is handed to the disk whole, every wall second or 4 MB: the one
+clock read here decides when rows are written, never what is in them.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from copy import deepcopy
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from time import monotonic
+from typing import Any, Self
+
+import pyarrow as pa
+
+from skyrange.agent.contracts import World
+from skyrange.agent.frames import Frame
+from skyrange.agent.messages import Note
+from skyrange.agent.verdicts import Label
+from skyrange.core.errors import ComponentError, Fault, InputError
+from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
+from skyrange.record.digests import Digests
+from skyrange.record.finalise import finalise
+from skyrange.record.frames import FrameEncoder
+from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, here, write_manifest
+from skyrange.record.notes import (
+    OUTCOME,
+    NoteRow,
+    label_batch,
+    note_batch,
+    note_row,
+    outcome,
+    outcomes,
+    table_of,
+    vehicle_ids,
+)
+from skyrange.record.schema import FORMAT
+from skyrange.record.spool import SPOOL, Spool, cannot_write
+from skyrange.record.ticks import SensorTick, TruthTick, sensor_batch, sensor_values, truth_batch, truth_words
+
+_BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
+_PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
+
+
+@dataclass(slots=True)
+class _State:
+    """All that a fork copies: what was numbered, summed and counted, and when truth is due."""
+
+    encoder: FrameEncoder
+    truth_ns: Time
+    sensors_ns: Time
+    truth_due: Time = -NEVER
+    sensors_due: Time = -NEVER
+    last_ns: Time = 0
+    digests: Digests = field(default_factory=Digests)
+    counts: dict[str, int] = field(default_factory=dict)
+    outcomes: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+class Recorder:
+    """An `agent.contracts.Observer` that writes the run's folder.
+
+    Frames are kept as objects until the next flush: a frame that was observed does not change any more.
+    After the disk refused once (`ComponentError`), what is observed is dropped, and `close` leaves the
+    record in its spool, where `load` reads it.
+    """
+
+    def __init__(
+        self, path: Path, manifest: dict[str, Any], state: _State, spool: Spool, spool_bytes: int, flush_s: float
+    ) -> None:
+        """Use `Recorder.open`."""
+        self.path = path
+        self.truth_period_ns: Time = min(state.truth_ns, state.sensors_ns)
+        self._manifest = manifest
+        self._state = state
+        self._spool = spool
+        self._spool_bytes = spool_bytes
+        self._flush_s = flush_s
+        self._due_s = monotonic() + flush_s
+        self._refused = False
+        self._closed = False
+        self._frames: list[Frame] = []
+        self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
+        self._labels: list[Label] = []
+        self._truth: list[TruthTick] = []
+        self._sensors: list[SensorTick] = []
+        self._tick_bytes = 0
+
+    @classmethod
+    def open(
+        cls,
+        path: Path | str,
+        header: Mapping[str, Any],
+        *,
+        truth_hz: float = 10.0,
+        sensors_hz: float = 2.0,
+        spool_bytes: int = 4 << 20,
+        flush_s: float = 1.0,
+    ) -> Self:
+        """Begin a record in `path`, a folder that does not exist or is empty; its manifest says `running` from now.
+
+        `header` is what the manifest says of the scenario (name, seed, start_utc, origin, operators, vehicles,
+        links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time, 0 for not at
+        all. Rows are handed to the disk every `flush_s` of wall time or `spool_bytes`, which is also how many
+        bytes of payloads are de-duplicated together. `InputError`, with nothing left behind, where the folder
+        cannot be made, is not empty or cannot be written.
+        """
+        folder = Path(path)
+        _check_rates(truth_hz, sensors_hz)
+        rates = {"truth_hz": truth_hz, "sensors_hz": sensors_hz}
+        manifest = {"format": FORMAT, "status": RUNNING, **here(), **header, "record": rates}
+        manifest |= {"format": FORMAT, "status": RUNNING}
+        made = _make(folder)
+        try:
+            write_manifest(folder, manifest)
+            spool = Spool(folder)
+        except OSError as error:
+            _unmake(folder, made)
+            raise _unwritable(folder, error) from error
+        except (TypeError, ValueError) as error:
+            _unmake(folder, made)
+            raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
+        state = _State(FrameEncoder(spool_bytes), _period(truth_hz), _period(sensors_hz))
+        return cls(folder, manifest, state, spool, spool_bytes, flush_s)
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Put a file into the folder: `scenario.toml`, `missions/survey.plan`, `city.json`.
+
+        `name` is relative, its parts plain names; `InputError` for one that leaves the folder or is the
+        record's own, and where the disk refuses.
+        """
+        parts = PurePosixPath(name).parts
+        if not parts or not all(_PART.match(part) and ".." not in part for part in parts):
+            raise InputError.one("attachment", "name", name, "a relative path of plain names, such as missions/a.plan")
+        if parts[0].endswith(".parquet") or parts[0] in (MANIFEST, f"{MANIFEST}.new", "operators"):
+            raise InputError.one("attachment", "name", name, "a name that the record does not use itself")
+        target = self.path.joinpath(*parts)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+        except OSError as error:
+            raise _unwritable(target, error) from error
+
+    # ---------------------------------------------------------------- what the kernel tells
+
+    def on_frame(self, frame: Frame) -> None:
+        """A frame met its fate."""
+        self._frames.append(frame)
+        if monotonic() >= self._due_s:
+            self.flush()
+        elif len(self._frames) >= _BATCH_ROWS:
+            self._hand_over_frames()
+
+    def on_note(self, now: Time, source: str, note: Note) -> None:
+        """Something was decided or happened."""
+        row = note_row(now, source, note)
+        self._notes[table_of(note.kind)].append(row)
+        state = self._state
+        if note.kind.startswith("event."):
+            state.digests.add_event(note.about, now, source, note.kind)
+            if note.kind == OUTCOME:
+                state.outcomes[note.about] = outcome(now, note.data)
+        state.last_ns = max(state.last_ns, now)
+        if monotonic() >= self._due_s:
+            self.flush()
+
+    def on_label(self, label: Label) -> None:
+        """A hostile act."""
+        self._labels.append(label)
+        if len(self._labels) >= _BATCH_ROWS or monotonic() >= self._due_s:
+            self.flush()
+
+    def on_truth(self, now: Time, world: World) -> None:
+        """A tick ended; kept where it is the first at or after a multiple of the period."""
+        state = self._state
+        state.last_ns = max(state.last_ns, now)
+        vehicles = tuple(world.vehicles)
+        if now >= state.truth_due and vehicles:
+            state.truth_due = now - now % state.truth_ns + state.truth_ns
+            columns = dict(world.truth())
+            self._truth.append(TruthTick(now, vehicles, columns))
+            self._tick_bytes += len(vehicles) * 8 * (len(columns) + 2)
+        if now >= state.sensors_due and vehicles:
+            state.sensors_due = now - now % state.sensors_ns + state.sensors_ns
+            values = sensor_values(world.sensors(slice(0, len(vehicles))))
+            self._sensors.append(SensorTick(now, vehicles, values))
+            self._tick_bytes += values.nbytes
+        if self._tick_bytes >= self._spool_bytes or monotonic() >= self._due_s:
+            self.flush()
+
+    # ---------------------------------------------------------------- writing
+
+    def flush(self) -> None:
+        """Hand all rows to the operating system now; `ComponentError` where the disk refuses."""
+        self._due_s = monotonic() + self._flush_s
+        if not self._refused:
+            self._hand_over_frames()
+            self._hand_over_others()
+        self._clear()
+
+    def _hand_over_frames(self) -> None:
+        frames = self._frames
+        self._frames = []
+        if not frames or self._refused:
+            return
+        encoded = self._state.encoder.encode(frames)
+        self._state.digests.add_frames(encoded.words)
+        self._state.last_ns = max(self._state.last_ns, encoded.last_ns)
+        if encoded.payloads.num_rows:  # first: a frame's row never stands without its payload
+            self._append("payloads", encoded.payloads)
+        self._append("frames", encoded.frames)
+
+    def _hand_over_others(self) -> None:
+        if self._truth:
+            self._state.digests.add_truth(truth_words(self._truth))
+            self._append("truth", truth_batch(self._truth))
+        if self._sensors:
+            self._append("sensors", sensor_batch(self._sensors))
+        for table, rows in self._notes.items():
+            if rows:
+                self._append(table, note_batch(table, rows))
+        if self._labels:
+            self._append("labels", label_batch(self._labels))
+
+    def _append(self, table: str, batch: pa.RecordBatch) -> None:
+        try:
+            self._spool.append(table, batch)
+        except ComponentError:
+            self._refused = True
+            raise
+        counts = self._state.counts
+        counts[table] = counts.get(table, 0) + batch.num_rows
+
+    def _clear(self) -> None:
+        for rows in (self._frames, *self._notes.values(), self._labels, self._truth, self._sensors):
+            rows.clear()
+        self._tick_bytes = 0
+
+    @property
+    def digests(self) -> Digests:
+        """An independent copy of the digests of all that was observed so far."""
+        self.flush()
+        return deepcopy(self._state.digests)
+
+    def fork(self, path: Path | str) -> Recorder:
+        """A second recorder, in a copy of the folder, which continues identically; both go on in new segments.
+
+        `InputError` where `path` cannot be made or is not empty.
+        """
+        if self._refused:
+            raise ComponentError("recorder", f"{self.path} cannot be forked: the disk refused earlier rows")
+        self.flush()
+        self._spool.end_segment()
+        folder = Path(path)
+        made = _make(folder)
+        try:
+            shutil.copytree(self.path, folder, dirs_exist_ok=True)
+            spool = Spool(folder, self._spool.segment)
+        except (OSError, shutil.Error) as error:
+            _unmake(folder, made)
+            raise _unwritable(folder, error) from error
+        state, manifest = deepcopy(self._state), deepcopy(self._manifest)
+        return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s)
+
+    def __deepcopy__(self, memo: object) -> Recorder:
+        raise TypeError("a Recorder owns a folder: use fork(path)")
+
+    # ---------------------------------------------------------------- the end
+
+    def close(self, status: str = "complete", extra: Mapping[str, Any] | None = None) -> None:
+        """End the record: tables, CSVs and tlogs from the spool, then the manifest, then no spool any more.
+
+        `status` is complete, interrupted or failed; `extra` goes into the manifest (simulated_s, timings,
+        …) over what the recorder knows itself. Memory stays bounded. `ComponentError` where the disk refuses:
+        everything recorded is then still in the spool. A record that was refused before only has its manifest's
+        status set, if that can be written. Closing again does nothing.
+        """
+        if status not in ENDINGS:
+            raise ValueError(f"status {status!r}, expected one of {', '.join(ENDINGS)}")
+        if self._closed:
+            return
+        self._closed = True
+        if self._refused:
+            self._leave_spooled(extra or {})
+            return
+        try:
+            self.flush()
+            self._spool.end_segment()
+            self._manifest["counts"] = finalise(self.path, self._manifest)
+            self._manifest |= self._ending(status, extra or {})
+            write_manifest(self.path, self._manifest)
+        except OSError as error:
+            raise cannot_write(self.path / MANIFEST, error) from error
+        except ComponentError:
+            self._leave_spooled(extra or {})
+            raise
+        shutil.rmtree(self.path / SPOOL, ignore_errors=True)
+
+    def _leave_spooled(self, extra: Mapping[str, Any]) -> None:
+        """Say in the manifest, if the disk lets it, that the run failed and its rows are in the spool."""
+        self._manifest |= self._ending("failed", extra) | {"spooled": True}
+        with suppress(OSError):
+            write_manifest(self.path, self._manifest)
+
+    def interrupt(self, extra: Mapping[str, Any] | None = None) -> None:
+        """`close` a run that was stopped on purpose before its end."""
+        self.close("interrupted", extra)
+
+    def _ending(self, status: str, extra: Mapping[str, Any]) -> dict[str, Any]:
+        state = self._state
+        return {
+            "simulated_s": to_seconds(state.last_ns),
+            "digests": state.digests.to_dict(),
+            "outcomes": outcomes(vehicle_ids(self._manifest), state.outcomes),
+            **extra,
+            "status": status,
+        }
+
+
+def _check_rates(truth_hz: float, sensors_hz: float) -> None:
+    rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
+    expected = "a rate in Hz from 0 (not recorded) to 1000"
+    faults = [Fault(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
+    if faults:
+        raise InputError("recorder", faults)
+
+
+def _period(rate_hz: float) -> Time:
+    return from_seconds(1.0 / rate_hz) if rate_hz else NEVER
+
+
+def _make(folder: Path) -> list[Path]:
+    """Make the folder and its parents; returns those that were not there, innermost first."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        taken = next(folder.iterdir(), None)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    if taken is not None:
+        hint = "Choose another folder, or move that one away."
+        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
+    return missing
+
+
+def _unmake(folder: Path, made: list[Path]) -> None:
+    """Take away what `_make` made and all that was put into `folder` since."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+    for path in made:
+        shutil.rmtree(path, ignore_errors=True) if path == folder else path.rmdir()
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    reason = error.strerror or str(error)
+    return InputError.one("output", str(path), reason, "a folder that can be written, on a disk with room")

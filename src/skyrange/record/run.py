@@ -1,0 +1,159 @@
+"""What does a recorded run hold? Opens a run's folder, whether the run ended, was interrupted, or was killed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from skyrange.core.errors import InputError, nearest
+from skyrange.core.time import to_seconds
+from skyrange.record.manifest import RUNNING, read_manifest
+from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
+from skyrange.record.schema import TABLES
+from skyrange.record.spool import SPOOL
+from skyrange.record.stations import telemetry
+from skyrange.record.tables import Tables
+
+
+class RecordedFrame(NamedTuple):
+    """One frame as it was recorded; `parent` and `causes` are ids spelt `link:direction:sender#serial`."""
+
+    link: str
+    direction: str
+    sender: str
+    serial: int
+    src: str
+    dst: str
+    sent_ns: int
+    arrived_ns: int | None
+    fate: str
+    payload: bytes
+    parent: str | None
+    causes: tuple[str, ...]
+
+    @property
+    def id(self) -> str:
+        """The frame's own id, spelt as `parent` and `causes` spell theirs."""
+        return f"{self.link}:{self.direction}:{self.sender}#{self.serial}"
+
+
+_FRAME_COLUMNS = [name for name in RecordedFrame._fields if name != "payload"]
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """A run's folder, opened. Tables are read when they are asked for."""
+
+    path: Path
+    manifest: dict[str, Any]
+    tables: Tables
+
+    @property
+    def status(self) -> str:
+        """`complete`, `interrupted`, `failed`, or `killed or still running`."""
+        status = str(self.manifest["status"])
+        return "killed or still running" if status == RUNNING else status
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run came to an end that was written down."""
+        return bool(self.manifest["status"] != RUNNING)
+
+    def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+        """A whole table as a `pyarrow.Table`, names as plain strings; `columns` reads only some.
+
+        Names are those of `skyrange.record.schema.TABLES`; a table of which the run recorded nothing is empty.
+        """
+        _check(name)
+        if name == "telemetry" and self.tables.spooled:
+            table = telemetry(self.tables)
+            return table if columns is None else table.select(list(columns))
+        return self.tables.table(name, columns)
+
+    def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
+        """The same rows in batches, for tables larger than memory."""
+        _check(name)
+        if name == "telemetry" and self.tables.spooled:
+            return iter(self.table(name, columns).to_batches())
+        return self.tables.batches(name, columns)
+
+    def rows(self, name: str) -> int:
+        """How many rows a table has."""
+        _check(name)
+        if name == "telemetry" and self.tables.spooled:
+            return int(self.table(name, ["time_ns"]).num_rows)
+        return self.tables.rows(name)
+
+    @property
+    def telemetry(self) -> pa.Table:
+        """What the ground stations received; for a run that was killed, derived from its frames now."""
+        return self.table("telemetry")
+
+    def frames_with_payloads(self) -> Iterator[RecordedFrame]:
+        """Every frame with its bytes, as recorded: nearly in order of time."""
+        for table in self.tables.frames_with_payloads(_FRAME_COLUMNS):
+            columns = {name: table.column(name).to_pylist() for name in table.column_names}
+            columns["causes"] = [tuple(ids or ()) for ids in columns["causes"]]
+            for row in zip(*(columns[name] for name in RecordedFrame._fields), strict=True):
+                yield RecordedFrame(*row)
+
+    @property
+    def city(self) -> list[dict[str, Any]]:
+        """The buildings of `city.json`: `height_m` and `rings` of (east, north) metres; none where there is no file."""
+        path = self.path / "city.json"
+        if not path.exists():
+            return []
+        try:
+            buildings = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError.one(str(self.path), "city.json", str(error), "a JSON list of buildings") from None
+        return list(buildings)
+
+    @property
+    def outcomes(self) -> dict[str, dict[str, Any]]:
+        """state, reason and finished_s of every aircraft: what its ground station last said of its mission."""
+        declared = self.manifest.get("outcomes")
+        if declared is not None and not self.tables.spooled:
+            return dict(declared)
+        noted = {}
+        table = self.tables.table("events", ["time_ns", "kind", "about", "data"])
+        for row in table.filter(pc.equal(table.column("kind"), OUTCOME)).to_pylist():
+            noted[row["about"]] = outcome(row["time_ns"], json.loads(row["data"]))
+        return outcomes(vehicle_ids(self.manifest), noted)
+
+    @property
+    def duration(self) -> float:
+        """Simulated seconds that the record covers."""
+        declared = self.manifest.get("simulated_s")
+        if declared is not None:
+            return float(declared)
+        last = 0
+        for name, column in (("truth", "time_ns"), ("frames", "arrived_ns"), ("events", "time_ns")):
+            for batch in self.tables.batches(name, [column]):
+                last = max(last, pc.max(batch.column(0)).as_py() or 0)
+        return to_seconds(last)
+
+
+def load(path: Path | str) -> RunRecord:
+    """Open the run in the folder `path`.
+
+    `InputError` where it is no run's folder, was written in another format, or its manifest is damaged. A run
+    that was killed, or that runs, has what it had handed to the disk.
+    """
+    folder = Path(path)
+    manifest = read_manifest(folder)
+    spooled = manifest["status"] == RUNNING or manifest.get("spooled") is True
+    if spooled and not (folder / SPOOL).is_dir():
+        raise InputError.one(str(folder), SPOOL, "missing", "the streams of a run that did not end", "It was removed.")
+    return RunRecord(folder, manifest, Tables(folder, spooled))
+
+
+def _check(name: str) -> None:
+    if name not in TABLES:
+        raise InputError.one("record", "table", name, f"one of {', '.join(TABLES)}", nearest(name, TABLES))

@@ -1,0 +1,213 @@
+"""Which columns does a run's record have, of what type, in what unit, meaning what?
+
+One table of columns serves the writer, the reader and the documentation; every Parquet file carries the
+unit and meaning of each column as Arrow field metadata.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import pyarrow as pa
+
+FORMAT = "skyrange.run/1"
+"""The layout of a run's folder; the number grows when an old reader could no longer read it."""
+
+PAYLOAD_WINDOW = 1 << 16
+"""Payloads are de-duplicated within windows: `payload_id // PAYLOAD_WINDOW` is a payload's window, windows follow
+each other, and a frame's payload lies in the newest window that had begun when the frame was recorded."""
+
+NAME = pa.string()
+"""The type of names: dictionary-encoded in the files, plain strings in memory."""
+
+TEXT = pa.large_string()
+"""Placeholder that tells free text from names before `arrow_schema` makes both plain strings."""
+
+_TEXTS = pa.list_(pa.string())
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One column: `unit` is "" for names and counts; `nullable` says that a row may have no value."""
+
+    name: str
+    type: pa.DataType
+    unit: str
+    meaning: str
+    nullable: bool = False
+
+    @property
+    def is_name(self) -> bool:
+        """Whether few distinct texts repeat over many rows."""
+        return bool(self.type == NAME)
+
+
+_F64 = pa.float64()
+_F32 = pa.float32()
+_I64 = pa.int64()
+_TIME = "ns since the scenario's start"
+
+_NOTES = (
+    Column("time_ns", _I64, "ns", f"when it was noted, {_TIME}"),
+    Column("kind", NAME, "", "what kind of decision or event, dotted"),
+    Column("about", NAME, "", "the vehicle, operator or endpoint it is about"),
+    Column("source", NAME, "", "the agent, engine or part that noted it"),
+    Column("data", TEXT, "", "details: a JSON object of scalars; not-a-number and infinities as strings"),
+    Column("causes", _TEXTS, "", "ids of the frames that caused it, link:direction:sender#serial"),
+)
+
+TABLES: dict[str, tuple[Column, ...]] = {
+    "truth": (
+        Column("time_ns", _I64, "ns", f"the tick, {_TIME}"),
+        Column("vehicle", NAME, "", "operator/vehicle"),
+        Column("source", NAME, "", "what moves the body: dynamic"),
+        Column("east_m", _F64, "m", "position east of the origin"),
+        Column("north_m", _F64, "m", "position north of the origin"),
+        Column("up_m", _F64, "m", "position above the ground"),
+        Column("vel_east_mps", _F64, "m/s", "velocity east"),
+        Column("vel_north_mps", _F64, "m/s", "velocity north"),
+        Column("vel_up_mps", _F64, "m/s", "velocity up"),
+        Column("qw", _F64, "", "attitude quaternion, body (FLU) to local (ENU), scalar part"),
+        Column("qx", _F64, "", "attitude quaternion, x"),
+        Column("qy", _F64, "", "attitude quaternion, y"),
+        Column("qz", _F64, "", "attitude quaternion, z"),
+    ),
+    "sensors": (
+        Column("time_ns", _I64, "ns", f"the tick, {_TIME}"),
+        Column("vehicle", NAME, "", "operator/vehicle"),
+        Column("gyro_x_radps", _F32, "rad/s", "body rate about forward"),
+        Column("gyro_y_radps", _F32, "rad/s", "body rate about left"),
+        Column("gyro_z_radps", _F32, "rad/s", "body rate about up"),
+        Column("accel_x_mps2", _F32, "m/s²", "specific force forward"),
+        Column("accel_y_mps2", _F32, "m/s²", "specific force left"),
+        Column("accel_z_mps2", _F32, "m/s²", "specific force up; +9.8 at rest and level"),
+        Column("attitude_w", _F32, "", "attitude quaternion, body (FLU) to local (ENU), scalar part"),
+        Column("attitude_x", _F32, "", "attitude quaternion, x"),
+        Column("attitude_y", _F32, "", "attitude quaternion, y"),
+        Column("attitude_z", _F32, "", "attitude quaternion, z"),
+        Column("gnss_east_m", _F32, "m", "GNSS position east of the origin"),
+        Column("gnss_north_m", _F32, "m", "GNSS position north of the origin"),
+        Column("gnss_up_m", _F32, "m", "GNSS position above the origin"),
+        Column("gnss_vel_east_mps", _F32, "m/s", "GNSS velocity east"),
+        Column("gnss_vel_north_mps", _F32, "m/s", "GNSS velocity north"),
+        Column("gnss_vel_up_mps", _F32, "m/s", "GNSS velocity up"),
+        Column("baro_up_m", _F32, "m", "barometric height above the origin"),
+        Column("rangefinder_m", _F32, "m", "height above the ground below"),
+    ),
+    "frames": (
+        Column("link", NAME, "", "link instance"),
+        Column("direction", NAME, "", "fwd from the link's first end to its second, else rev"),
+        Column("sender", NAME, "", "the endpoint (or tap) that truly sent it"),
+        Column("serial", _I64, "", "the sender's own count on this link and direction, from 0"),
+        Column("src", NAME, "", "the source that the frame claims"),
+        Column("dst", NAME, "", "the destination that the frame claims"),
+        Column("sent_ns", _I64, "ns", f"when it was sent, {_TIME}"),
+        Column("arrived_ns", _I64, "ns", f"when it was delivered, {_TIME}; null unless it was", True),
+        Column("fate", NAME, "", "delivered, lost, overflow, dropped, replaced or in_flight"),
+        Column("payload_id", _I64, "", "the payload, a key of the payloads table"),
+        Column("size", pa.int32(), "byte", "the payload's length"),
+        Column("parent", TEXT, "", "id of the frame it forwards, alters or duplicates", True),
+        Column("causes", _TEXTS, "", "ids of the frames that commanded it"),
+    ),
+    "payloads": (
+        Column("payload_id", _I64, "", "ascending; the same bytes may recur in another window of 65536 ids"),
+        Column("payload", pa.binary(), "", "the bytes that crossed the link"),
+    ),
+    "decisions": _NOTES,
+    "events": _NOTES,
+    "labels": (
+        Column("at_ns", _I64, "ns", f"when the hostile act took place, {_TIME}"),
+        Column("attack", NAME, "", "the attack's id"),
+        Column("actor", NAME, "", "the tap or agent that acted"),
+        Column("action", NAME, "", "drop, delay, replace, inject or send"),
+        Column("frame", TEXT, "", "id of the frame acted on or put on the link"),
+        Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
+        Column("until_ns", _I64, "ns", f"until when a delay holds the frame, {_TIME}", True),
+    ),
+    "telemetry": (
+        Column("time_ns", _I64, "ns", f"when the ground station received it, {_TIME}"),
+        Column("operator", NAME, "", "whose ground station"),
+        Column("vehicle", NAME, "", "the aircraft at the other end of the gcs link"),
+        Column("system_id", pa.int32(), "", "MAVLink system id of the sender; null for undecodable bytes", True),
+        Column("component_id", pa.int32(), "", "MAVLink component id of the sender; null likewise", True),
+        Column("message", NAME, "", "MAVLink message, BAD_DATA for undecodable bytes; then a column per field"),
+    ),
+}
+"""Every table's columns. Truth may have more (whatever the world names), telemetry one per MAVLink field seen."""
+
+BAD_DATA = "BAD_DATA"
+"""pymavlink's name for bytes that are no message."""
+
+_SUFFIXES = (
+    ("_radps", "rad/s"),
+    ("_mps2", "m/s²"),
+    ("_mps", "m/s"),
+    ("_rad", "rad"),
+    ("_deg", "deg"),
+    ("_ns", "ns"),
+    ("_kg", "kg"),
+    ("_n", "N"),
+    ("_w", "W"),
+    ("_v", "V"),
+    ("_a", "A"),
+    ("_s", "s"),
+    ("_m", "m"),
+)
+
+
+def unit_of(name: str) -> str:
+    """The unit that a column's name ends in, or ""; an index (`motor_radps_2`) may follow it."""
+    stem = re.sub(r"_?\d+$", "", name)
+    return next((unit for suffix, unit in _SUFFIXES if stem.endswith(suffix)), "")
+
+
+def arrow_schema(table: str, columns: Sequence[Column] | None = None) -> pa.Schema:
+    """The Arrow schema of `table` as it is read; `columns` replaces the declared ones where a run has others."""
+    fields = [
+        pa.field(
+            column.name,
+            pa.string() if column.type == TEXT else column.type,
+            nullable=column.nullable,
+            metadata={"unit": column.unit, "meaning": column.meaning},
+        )
+        for column in (TABLES[table] if columns is None else columns)
+    ]
+    return pa.schema(fields, metadata={"skyrange.table": table, "skyrange.format": FORMAT})
+
+
+def truth_columns(names: Iterable[str]) -> tuple[Column, ...]:
+    """Truth's columns for a world that names its state so, in the world's order."""
+    declared = {column.name: column for column in TABLES["truth"]}
+    return TABLES["truth"][:3] + tuple(
+        declared.get(name, Column(name, _F64, unit_of(name), "as the world names it")) for name in names
+    )
+
+
+def telemetry_columns(fields: Iterable[tuple[str, bool]]) -> tuple[Column, ...]:
+    """Telemetry's columns for MAVLink fields as (name, is text); a field whose name is taken gets a trailing `_`."""
+    taken = {column.name for column in TABLES["telemetry"]}
+    return TABLES["telemetry"] + tuple(
+        Column(
+            name + "_" if name in taken else name,
+            TEXT if text else _F64,
+            "",
+            "MAVLink field of that name; units in operators/fields.csv",
+            True,
+        )
+        for name, text in fields
+    )
+
+
+def documentation() -> str:
+    """All tables and columns as Markdown."""
+    lines: list[str] = []
+    for table, columns in TABLES.items():
+        lines += [f"### `{table}`", "", "| column | type | unit | meaning |", "|---|---|---|---|"]
+        schema = arrow_schema(table)
+        for column in columns:
+            kind = f"{schema.field(column.name).type}{', nullable' if column.nullable else ''}"
+            lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning} |")
+        lines.append("")
+    return "\n".join(lines)

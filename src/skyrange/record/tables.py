@@ -1,0 +1,177 @@
+"""Where are a run's rows now, in its spool or in its Parquet files? One way to read both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from skyrange.core.errors import InputError
+from skyrange.record.schema import NAME, PAYLOAD_WINDOW, TABLES, TEXT, Column, arrow_schema, truth_columns
+from skyrange.record.spool import read_spool
+
+BATCH_ROWS = 65_536
+"""Rows read at once from a Parquet file."""
+
+Batches = Callable[[], Iterator[pa.RecordBatch]]
+"""Starts a reading of some batches from the first; may be called again."""
+
+
+def readable(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
+    """A spooled batch with its names as plain strings and the schema's metadata."""
+    arrays = [batch.column(field.name).cast(field.type) for field in schema]
+    return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+@dataclass(frozen=True, slots=True)
+class Tables:
+    """The recorded tables of one run; `spooled` says which of the two homes they are read from.
+
+    `telemetry` is recorded in neither: it is derived (see `skyrange.record.stations`), and kept in Parquet.
+    """
+
+    folder: Path
+    spooled: bool
+
+    def schema(self, name: str) -> pa.Schema:
+        """The schema of a table as this run has it."""
+        if not self.spooled:
+            path = self._parquet(name)
+            return pq.read_schema(path) if path.exists() else arrow_schema(name)
+        if name == "truth":
+            for batch in read_spool(self.folder, name):
+                return arrow_schema(name, truth_columns(batch.schema.names[3:]))
+        return arrow_schema(name)
+
+    def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
+        """The rows in the order in which they were recorded; all columns, or those named and in that order."""
+        schema = self.schema(name)
+        if columns is not None:
+            schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
+        if self.spooled:
+            for batch in read_spool(self.folder, name):
+                yield readable(batch, schema)
+            return
+        path = self._parquet(name)
+        if not path.exists():
+            return
+        try:
+            with pq.ParquetFile(path) as file:
+                for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
+                    yield readable(batch, schema)
+        except (pa.ArrowException, OSError) as error:
+            raise InputError.one(
+                str(self.folder), path.name, str(error).splitlines()[0], "a whole Parquet file"
+            ) from error
+
+    def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
+        """The whole table in memory."""
+        schema = self.schema(name)
+        if columns is not None:
+            schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
+        return pa.Table.from_batches(self.batches(name, columns), schema=schema)
+
+    def rows(self, name: str) -> int:
+        """How many rows the table has."""
+        path = self._parquet(name)
+        if not self.spooled:
+            return int(pq.read_metadata(path).num_rows) if path.exists() else 0
+        return sum(batch.num_rows for batch in read_spool(self.folder, name))
+
+    def frames_with_payloads(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Batches of frames in recorded order with one more column, `payload`; memory holds two windows at most.
+
+        A record that lost payloads (its file system was torn) ends with the last frame before the gap.
+        """
+        wanted = None if columns is None else list(dict.fromkeys([*columns, "payload_id"]))
+        window = _PayloadWindow(self.batches("payloads"))
+        for batch in self.batches("frames", wanted):
+            payloads = window.take(batch.column("payload_id").to_numpy())
+            whole = len(payloads)
+            table = pa.Table.from_batches([batch]).slice(0, whole)
+            if columns is not None:
+                table = table.select(list(columns))
+            yield table.append_column(pa.field("payload", pa.binary()), payloads)
+            if whole < batch.num_rows:
+                return
+
+    def _parquet(self, name: str) -> Path:
+        return self.folder / f"{name}.parquet"
+
+
+class _PayloadWindow:
+    """The stretch of the payloads that frames being read may refer to, moving forward."""
+
+    def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
+        self._batches = batches
+        self._held: list[pa.RecordBatch] = []
+        self._last = -1
+
+    def take(self, ids: NDArray[np.int64]) -> pa.Array:
+        """The payloads of `ids`, fewer from the first that is missing."""
+        if not len(ids):
+            return pa.array([], pa.binary())
+        newest = int(ids.max())
+        while self._last < newest:
+            batch = next(self._batches, None)
+            if batch is None:
+                break
+            if batch.num_rows:
+                self._held.append(batch)
+                self._last = int(batch.column("payload_id")[-1].as_py())
+        if not self._held:
+            return pa.array([], pa.binary())
+        held = pa.Table.from_batches(self._held).combine_chunks()
+        known = held.column("payload_id").to_numpy()
+        places = np.minimum(np.searchsorted(known, ids), len(known) - 1)
+        missing = np.flatnonzero(known[places] != ids)
+        places = places[: missing[0]] if len(missing) else places
+        start = newest - newest % PAYLOAD_WINDOW  # no later frame refers to an earlier window than the newest's
+        self._held = [batch for batch in self._held if batch.column("payload_id")[-1].as_py() >= start]
+        column = held.column("payload").take(pa.array(places))
+        return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+
+
+def concat(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
+    """Batches gathered into tables of at least `rows` rows (the last may have fewer)."""
+    held: list[pa.RecordBatch] = []
+    count = 0
+    for batch in batches:
+        held.append(batch)
+        count += batch.num_rows
+        if count >= rows:
+            yield pa.Table.from_batches(held)
+            held, count = [], 0
+    if held:
+        yield pa.Table.from_batches(held)
+
+
+def encodings(schema: pa.Schema) -> dict[str, object]:
+    """How a table's columns are laid out in Parquet: names by dictionary, integers by delta, floats by byte plane."""
+    names = [field.name for field in schema if _column(schema, field.name).type == NAME]
+    layout: dict[str, str] = {}
+    for field in schema:
+        if pa.types.is_integer(field.type):
+            layout[field.name] = "DELTA_BINARY_PACKED"
+        elif pa.types.is_floating(field.type):
+            layout[field.name] = "BYTE_STREAM_SPLIT"
+        elif pa.types.is_binary(field.type):
+            layout[field.name] = "DELTA_LENGTH_BYTE_ARRAY"
+    return {
+        "compression": "zstd",
+        "compression_level": 3,
+        "use_dictionary": names or False,
+        "column_encoding": layout or None,
+    }
+
+
+def _column(schema: pa.Schema, name: str) -> Column:
+    """What is declared of a column; one that a run added counts as free text where it is a string."""
+    table = (schema.metadata or {}).get(b"skyrange.table", b"").decode()
+    found = {column.name: column for column in TABLES.get(table, ())}
+    return found.get(name, Column(name, TEXT, "", ""))

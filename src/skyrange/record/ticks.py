@@ -1,0 +1,106 @@
+"""How do truth and sensors become columns? Ticks of the world into Arrow batches and rows of hash words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Sensors
+from skyrange.core.ids import hash64
+from skyrange.core.time import Time
+from skyrange.record.digests import Words
+from skyrange.record.schema import TABLES
+
+DYNAMIC = "dynamic"
+"""A body moved by the world's own dynamics: the one source of truth that the world's contract has."""
+
+_NAMES = pa.dictionary(pa.int32(), pa.string())
+
+
+class TruthTick(NamedTuple):
+    """The true state at one tick: `columns` are (n,) arrays by name, in the order of `vehicles`."""
+
+    time_ns: Time
+    vehicles: tuple[str, ...]
+    columns: Mapping[str, NDArray[np.float64]]
+
+
+class SensorTick(NamedTuple):
+    """The sensors at one tick: `values` is (n, 18) in the order of the table's columns."""
+
+    time_ns: Time
+    vehicles: tuple[str, ...]
+    values: NDArray[np.float32]
+
+
+def sensor_values(sensors: Sensors) -> NDArray[np.float32]:
+    """A copy of one tick's sensors as (n, 18), in the order of the `sensors` table."""
+    return np.column_stack(
+        [
+            sensors.gyro_radps,
+            sensors.accel_mps2,
+            sensors.attitude,
+            sensors.gnss_enu_m,
+            sensors.gnss_vel_enu_mps,
+            sensors.baro_up_m,
+            sensors.rangefinder_m,
+        ]
+    ).astype(np.float32)
+
+
+def truth_batch(ticks: Sequence[TruthTick]) -> pa.RecordBatch:
+    """Rows of truth, tick by tick; all ticks have the first one's columns."""
+    arrays = [_times(ticks), _vehicles(ticks), _constant(DYNAMIC, sum(len(tick.vehicles) for tick in ticks))]
+    names = list(ticks[0].columns)
+    arrays += [pa.array(_column(ticks, name)) for name in names]
+    return pa.RecordBatch.from_arrays(arrays, names=["time_ns", "vehicle", "source", *names])
+
+
+def sensor_batch(ticks: Sequence[SensorTick]) -> pa.RecordBatch:
+    """Rows of sensors, tick by tick."""
+    values = np.concatenate([tick.values for tick in ticks])
+    arrays = [_times(ticks), _vehicles(ticks), *(pa.array(values[:, place]) for place in range(values.shape[1]))]
+    return pa.RecordBatch.from_arrays(arrays, names=[column.name for column in TABLES["sensors"]])
+
+
+def truth_words(ticks: Sequence[TruthTick]) -> Words:
+    """The digest's words, (rows, 4 + columns): time, vehicle, source, names, and every column's bits.
+
+    Columns are taken in order of name, so that a world may list them as it likes.
+    """
+    names = sorted(ticks[0].columns)
+    rows = sum(len(tick.vehicles) for tick in ticks)
+    words = np.empty((rows, 4 + len(names)), dtype=np.uint64)
+    words[:, 0] = np.repeat(
+        np.array([tick.time_ns for tick in ticks], dtype=np.int64), [len(tick.vehicles) for tick in ticks]
+    ).view(np.uint64)
+    words[:, 1] = np.concatenate([np.array([hash64(v) for v in t.vehicles], dtype=np.uint64) for t in ticks])
+    words[:, 2] = hash64(DYNAMIC)
+    words[:, 3] = hash64("\n".join(names))
+    for place, name in enumerate(names):
+        words[:, 4 + place] = _column(ticks, name).view(np.uint64)
+    return words
+
+
+def _column(ticks: Sequence[TruthTick], name: str) -> NDArray[np.float64]:
+    return np.concatenate([tick.columns[name] for tick in ticks]).astype(np.float64, copy=False)
+
+
+def _times(ticks: Sequence[TruthTick] | Sequence[SensorTick]) -> pa.Array:
+    times = np.array([tick.time_ns for tick in ticks], dtype=np.int64)
+    return pa.array(np.repeat(times, [len(tick.vehicles) for tick in ticks]))
+
+
+def _vehicles(ticks: Sequence[TruthTick] | Sequence[SensorTick]) -> pa.Array:
+    names = list(dict.fromkeys(name for tick in ticks for name in tick.vehicles))
+    numbers = {name: number for number, name in enumerate(names)}
+    codes = np.array([numbers[name] for tick in ticks for name in tick.vehicles], dtype=np.int32)
+    return pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(names, pa.string())).cast(_NAMES)
+
+
+def _constant(name: str, rows: int) -> pa.Array:
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), pa.array([name]))

@@ -1,0 +1,44 @@
+"""Which scenarios come with skyrange, and which one does NAME or FILE mean?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from skyrange.core.errors import InputError, nearest
+from skyrange.scenario.load import load_file
+from skyrange.scenario.schema import Scenario
+
+FOLDER = Path(__file__).parent / "shipped"
+
+SHIPPED: dict[str, str] = {
+    "squares": "Five aircraft of two operators fly small squares: the published demonstration.",
+    "survey": "Eight aircraft of two operators fly QGroundControl plans among the buildings of a downtown.",
+}
+"""One-line descriptions by name; each is `shipped/NAME.toml`."""
+
+
+def source_of(name_or_file: str | Path) -> Path:
+    """The file that a shipped scenario's name or a file's name means; a name goes first.
+
+    Raises InputError with the nearest name for what is neither.
+    """
+    text = str(name_or_file)
+    if text in SHIPPED:
+        return FOLDER / f"{text}.toml"
+    path = Path(text).expanduser()
+    if path.suffix or path.exists() or "/" in text or "\\" in text:
+        return path
+    raise InputError.one("scenario", "name", text, "a shipped scenario or a TOML file", nearest(text, SHIPPED))
+
+
+def load(
+    name_or_file: str | Path,
+    overrides: Iterable[str] = (),
+    *,
+    seed: int | None = None,
+    buildings: str | Path | None = None,
+) -> Scenario:
+    """The scenario of this name or in this file, with `load.load_file`'s changes. Raises InputError."""
+    who = str(name_or_file)
+    return load_file(source_of(who), overrides, seed=seed, buildings=buildings, who=who)

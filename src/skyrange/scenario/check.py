@@ -1,0 +1,68 @@
+"""Can this fleet start where it stands and fly what it is told? Faults that only the world can show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from skyrange.city.city import City
+from skyrange.core.errors import Fault, InputError
+from skyrange.core.ids import vehicle_id
+from skyrange.gcs.checks import check as check_plan
+from skyrange.scenario.faults import spelled
+from skyrange.scenario.fleet import Vehicle
+from skyrange.scenario.flight import flight_plan
+from skyrange.scenario.schema import Scenario
+
+APART_M = 0.5
+"""Starts nearer than this are one place: an Iris is 0.5 m across."""
+
+
+def check(scenario: Scenario, city: City | None) -> list[Fault]:
+    """All faults of a placed scenario (see `placing.placed`) in its world; an empty list means it can start.
+
+    Found: starts inside buildings or on top of each other, mission files that cannot be read, and what
+    `gcs.checks` finds in a plan (points below the ground, NaN, no take-off…).
+    """
+    faults: list[Fault] = []
+    for o, operator in enumerate(scenario.operators):
+        for v, vehicle in enumerate(operator.vehicles):
+            where = spelled(("operators", o, "vehicles", v), scenario)
+            if city is not None:
+                faults += _walls(vehicle, city, where)
+            try:
+                faults += check_plan(flight_plan(scenario.origin.datum, vehicle), f"{where}.plan")
+            except InputError as error:
+                faults += [Fault(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.faults]
+    return [*faults, *_crowded(scenario)]
+
+
+def _walls(vehicle: Vehicle, city: City, where: str) -> Iterator[Fault]:
+    start = vehicle.start
+    building = city.inside(start.east_m, start.north_m)
+    if building is not None:
+        yield Fault(
+            f"{where}.start",
+            f"({start.east_m:g}, {start.north_m:g}) m",
+            f"a place outside buildings; this is inside {building.name or building.id}, {building.height_m:g} m high",
+            'Move it, or set placing = "clear".',
+        )
+
+
+def _crowded(scenario: Scenario) -> Iterator[Fault]:
+    """Pairs of starts at one place, found by cells of that size so that a thousand aircraft take no million looks."""
+    cells: dict[tuple[int, int], list[tuple[str, float, float]]] = {}
+    for o, operator in enumerate(scenario.operators):
+        for v, vehicle in enumerate(operator.vehicles):
+            east_m, north_m = vehicle.start.east_m, vehicle.start.north_m
+            column, row = math.floor(east_m / APART_M), math.floor(north_m / APART_M)
+            around = [(column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+            for name, other_east_m, other_north_m in (one for cell in around for one in cells.get(cell, ())):
+                if math.hypot(east_m - other_east_m, north_m - other_north_m) < APART_M:
+                    yield Fault(
+                        f"{spelled(('operators', o, 'vehicles', v), scenario)}.start",
+                        f"({east_m:g}, {north_m:g}) m",
+                        f"at least {APART_M:g} m from every other start; {name} stands there",
+                    )
+                    break
+            cells.setdefault((column, row), []).append((vehicle_id(operator.id, vehicle.id), east_m, north_m))

@@ -1,0 +1,170 @@
+"""What does a bad scenario hear? pydantic's findings as faults: key path, value, what was expected, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.scenario import units
+from skyrange.scenario.base import Model
+from skyrange.scenario.walk import field_at, model_of, walk
+
+Loc = tuple[str | int, ...]
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text in quotes",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "tuple_type": "a list",
+    "datetime_type": "a date and time such as 2026-01-01T12:00:00Z",
+    "is_instance_of": "a date and time such as 2026-01-01T12:00:00Z",
+    "finite_number": "a finite number",
+}
+
+
+def input_error(who: str, error: ValidationError, model: type[Model], data: Any) -> InputError:
+    """The InputError that says what pydantic found wrong with `data`, each fault once."""
+    return InputError(who, faults_of(error, model, data))
+
+
+def faults_of(error: ValidationError, model: type[Model], data: Any) -> list[Fault]:
+    """All faults, in the order of the model's keys; with those between the parts if pydantic got not that far."""
+    try:
+        details = error.errors(include_url=False)
+    except UnicodeEncodeError as bad:  # half a character, which only a program or a shell can put there
+        return [Fault("text", ascii(bad.object), "characters that UTF-8 can carry")]
+    faults = []
+    renamed: set[Loc] = set()
+    for detail in details:
+        if detail["type"] == "extra_forbidden":
+            found, instead = _unknown_key(detail, model, data)
+            faults.append(found)
+            if instead:
+                renamed.add((*detail["loc"][:-1], instead))
+    if not any(detail["type"] == "skyrange" and not detail["loc"] for detail in details):
+        faults += [Fault(spelled(_path(fault.where), data), *_rest(fault)) for fault in model.faults_between(data)]
+    for detail in details:
+        if detail["type"] == "skyrange":
+            faults += [
+                Fault(spelled((*_trim(detail["loc"], model), *_path(fault.where)), data) or "scenario", *_rest(fault))
+                for fault in detail["ctx"]["faults"]
+            ]
+        elif detail["type"] == "missing" and detail["loc"] in renamed:
+            continue
+        elif detail["type"] == "too_short" and any(_below(other["loc"], detail["loc"]) for other in details):
+            continue  # pydantic counts only the elements that are sound
+        elif detail["type"] != "extra_forbidden":
+            faults.append(_fault(detail, model, data))
+    return list(dict.fromkeys(faults))
+
+
+def spelled(loc: Loc, data: Any) -> str:
+    """A path as `--set` takes it: dotted, with an element's id in place of its index where it has one."""
+    parts = []
+    for key in loc:
+        data = _down(data, key)
+        name = (data.get("id") if isinstance(data, Mapping) else getattr(data, "id", None)) if _index(key) else None
+        parts.append(name if isinstance(name, str) and name else str(key))
+    return ".".join(parts)
+
+
+def _index(key: str | int) -> bool:
+    return isinstance(key, int)
+
+
+def _down(data: Any, key: str | int) -> Any:
+    if isinstance(data, Mapping):
+        return data.get(key)
+    if isinstance(data, (list, tuple)):
+        return data[key] if isinstance(key, int) and key < len(data) else None
+    return getattr(data, key, None) if isinstance(key, str) else None
+
+
+def _below(loc: Loc, above: Loc) -> bool:
+    return len(loc) > len(above) and loc[: len(above)] == above
+
+
+def _rest(fault: Fault) -> tuple[str, str, str]:
+    return fault.value, fault.expected, fault.hint
+
+
+def _path(where: str) -> Loc:
+    return tuple(int(part) if part.isdigit() else part for part in where.split(".") if part)
+
+
+def _trim(loc: Loc, model: type[Model]) -> Loc:
+    """The path without pydantic's own words for the branches of a union."""
+    kept: list[str | int] = []
+    for key in loc:
+        if walk(model, [*kept, key]) is None and (isinstance(key, str) or model_of(walk(model, kept)) is not None):
+            break
+        kept.append(key)
+    return tuple(kept)
+
+
+def _unknown_key(detail: ErrorDetails, model: type[Model], data: Any) -> tuple[Fault, str]:
+    """The fault, and the key that it surely meant ("" if that is unsure)."""
+    loc = detail["loc"]
+    inside = model_of(walk(model, loc[:-1]))
+    known = list(inside.model_fields) if inside is not None else []
+    key, value = str(loc[-1]), detail["input"]
+    unit = units.meant(key, value, known)
+    hint = unit[1] if unit else nearest(key, known)
+    shown = f"{key} = {_shown(value)}"
+    return Fault(spelled(loc, data), shown, "a known key", hint), unit[0] if unit else ""
+
+
+def _fault(detail: ErrorDetails, model: type[Model], data: Any) -> Fault:
+    kind, loc, value = detail["type"], _trim(detail["loc"], model), detail["input"]
+    field = field_at(model, loc)
+    about = f" ({_first_sentence(field.description)})" if field is not None and field.description else ""
+    where = spelled(loc, data)
+    if kind == "missing":
+        return Fault(where, "missing", f"a value{about}")
+    ctx = detail.get("ctx", {})
+    hint = ""
+    if kind in ("float_type", "int_type") and isinstance(value, str) and loc:
+        hint = units.of_text(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
+    if kind == "literal_error":
+        options = [word.strip(" '") for word in ctx["expected"].replace(" or ", ", ").split(",")]
+        return Fault(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))
+    if kind == "string_pattern_mismatch":
+        expected = "letters, digits, '-' or '_', at most 32" if loc[-1] == "id" else f"text like {ctx['pattern']}"
+    else:
+        expected = _EXPECTED.get(kind) or _bound(kind, ctx) or detail["msg"].removeprefix("Input should be ").lower()
+    return Fault(where, _shown(value), f"{expected}{about}", hint)
+
+
+def _bound(kind: str, ctx: Mapping[str, Any]) -> str:
+    words = {
+        "greater_than": ("gt", "more than {}"),
+        "greater_than_equal": ("ge", "at least {}"),
+        "less_than": ("lt", "less than {}"),
+        "less_than_equal": ("le", "at most {}"),
+        "too_short": ("min_length", "at least {} of them"),
+        "too_long": ("max_length", "at most {} of them"),
+        "string_too_short": ("min_length", "at least {} character"),
+        "string_too_long": ("max_length", "at most {} characters"),
+    }
+    if kind not in words:
+        return ""
+    key, text = words[kind]
+    number = ctx[key]
+    return text.format(f"{number:.10g}" if isinstance(number, float) else number)
+
+
+def _first_sentence(text: str) -> str:
+    return text.split("; ", 1)[0].split(". ", 1)[0].rstrip(".").split("\n", 1)[0]
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"

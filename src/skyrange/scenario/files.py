@@ -1,0 +1,60 @@
+"""Where are the files that a scenario names? Relative to its own file; and is each there?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.scenario.faults import spelled
+
+FILE_KEYS = frozenset({"file", "buildings"})
+"""Keys whose text is the name of a file that the run reads."""
+
+
+def read_text(path: Path, who: str) -> str:
+    """A text file's content. Raises InputError if it is missing, no file, unreadable or not UTF-8."""
+    fault = missing(path, "file")
+    if fault is not None:
+        raise InputError(who, [fault])
+    try:
+        return path.read_bytes().decode()
+    except OSError as error:
+        raise InputError.one(who, "file", str(path), f"a file that can be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise InputError.one(who, f"byte {error.start}", hex(error.object[error.start]), "UTF-8 text") from None
+
+
+def missing(path: Path, where: str) -> Fault | None:
+    """What is wrong with a file that should be there, with the nearest name in its folder; None if nothing is."""
+    try:
+        if path.is_file():
+            return None
+        if path.exists():
+            return Fault(where, str(path), "a file", "It is a folder." if path.is_dir() else "It is something else.")
+        siblings = [sibling.name for sibling in path.parent.iterdir()] if path.parent.is_dir() else []
+        hint = nearest(path.name, siblings) if len(siblings) <= 1000 else ""
+        return Fault(where, str(path), "a file that exists", hint if hint.startswith("Did you") else "")
+    except (OSError, ValueError) as error:
+        return Fault(where, str(path), f"the name of a file ({error})")
+
+
+def located(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Fault]]:
+    """`data` with the names of files made absolute from `folder`, and a fault for each that is not there."""
+    faults: list[Fault] = []
+
+    def visit(part: Any, loc: tuple[str | int, ...]) -> Any:
+        if isinstance(part, Mapping):
+            return {key: visit(value, (*loc, key)) for key, value in part.items()}
+        if isinstance(part, (list, tuple)):
+            return [visit(value, (*loc, index)) for index, value in enumerate(part)]
+        if isinstance(part, str) and part and loc[-1] in FILE_KEYS:
+            path = folder / Path(part).expanduser()
+            fault = missing(path, spelled(loc, data))
+            if fault is not None:
+                faults.append(fault)
+            return str(path.absolute())
+        return part
+
+    return visit(data, ()), faults

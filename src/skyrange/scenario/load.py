@@ -1,0 +1,91 @@
+"""How does a TOML file become a scenario? Read, override, locate files, build; every fault at once."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from skyrange.core.errors import Fault, InputError
+from skyrange.scenario.faults import faults_of
+from skyrange.scenario.files import located, read_text
+from skyrange.scenario.overrides import override
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.surroundings import with_buildings
+
+
+def load_file(
+    path: str | Path,
+    overrides: Iterable[str] = (),
+    *,
+    seed: int | None = None,
+    buildings: str | Path | None = None,
+    who: str = "",
+) -> Scenario:
+    """The scenario in a TOML file.
+
+    `buildings` replaces its city and moves its origin there (see `surroundings`); `overrides` are
+    `path=value` and come after that; `seed` stands over all. Raises InputError with all faults;
+    it blames `who`, or the file.
+    """
+    path = Path(path)
+    who = who or str(path)
+    return load_text(read_text(path, who), who, path.parent, overrides=overrides, seed=seed, buildings=buildings)
+
+
+def load_text(
+    text: str,
+    who: str = "scenario",
+    folder: str | Path = ".",
+    *,
+    overrides: Iterable[str] = (),
+    seed: int | None = None,
+    buildings: str | Path | None = None,
+) -> Scenario:
+    """As `load_file`, from TOML text; `who` is blamed for faults, `folder` is where its files are."""
+    data = parse(text, who)
+    if "name" not in data and who.endswith(".toml"):
+        data["name"] = re.sub(r"[^A-Za-z0-9]+", "-", Path(who).stem).strip("-")[:64] or "scenario"
+    if buildings is not None:
+        data = with_buildings(data, buildings)
+    overrides = list(overrides)
+    data = override(data, overrides)
+    if seed is not None:
+        data["seed"] = seed
+    return build(data, f"{who} with --set" if overrides else who, folder)
+
+
+def build(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = ".") -> Scenario:
+    """The scenario that plain data describes. Raises InputError with all faults, those of named files too."""
+    data, faults = located(data, Path(folder))
+    try:
+        scenario = Scenario.model_validate(data)
+    except ValidationError as error:
+        raise InputError(who, [*faults_of(error, Scenario, data), *faults]) from None
+    if faults:
+        raise InputError(who, faults)
+    return scenario
+
+
+def parse(text: str, who: str = "scenario") -> dict[str, Any]:
+    """TOML text as plain data. Raises InputError that names line and column."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(who, [_syntax_fault(str(error), text)]) from None
+    except RecursionError:
+        raise InputError.one(who, "TOML", "nested too deep", "a scenario") from None
+
+
+def _syntax_fault(message: str, text: str) -> Fault:
+    """Where the parser stopped: it says "… (at line 3, column 5)" or "… (at end of document)"."""
+    problem, _, place = message.rpartition(" (at ")
+    found = re.match(r"line (\d+), column (\d+)", place)
+    lines = text.splitlines() or [""]
+    line, column = (int(found[1]), int(found[2])) if found else (len(lines), len(lines[-1]) + 1)
+    shown = lines[line - 1].strip() if 0 < line <= len(lines) else ""
+    return Fault(f"line {line}, column {column}", shown or "(empty)", "valid TOML", f"{problem or message}.")

@@ -1,0 +1,149 @@
+"""How does `--set path=value` change a scenario's table before it is built?
+
+A path is dotted keys; an element of a list goes by its id or its index from 0, and `*` means every one.
+Values are TOML; what is no TOML and looks like a bare word or a file's name is text.
+"""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.scenario.files import FILE_KEYS
+from skyrange.scenario.fleet import operator_names, vehicle_names
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.walk import element_of, model_of, step, value_of
+
+
+def override(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
+    """A copy of `data` under every `path=value`, in order.
+
+    A file's name is taken relative to the working directory, as the shell would. Raises InputError
+    with one fault for every assignment that is malformed or matches nothing; values are checked
+    when the scenario is built.
+    """
+    changed: dict[str, Any] = copy.deepcopy(dict(data))
+    faults = []
+    for assignment in assignments:
+        path, equals, text = assignment.partition("=")
+        keys = path.strip().split(".")
+        if not equals or not all(keys):
+            faults.append(Fault(assignment, "no assignment", "path=value, such as seed=7"))
+            continue
+        try:
+            value = parse_value(text.strip())
+        except ValueError as error:
+            faults.append(Fault(path, text.strip(), f"a TOML value ({error})", 'Text with spaces goes in "quotes".'))
+            continue
+        if keys[-1] in FILE_KEYS and isinstance(value, str):
+            value = str(Path(value).expanduser().absolute())
+        problem = _assign(changed, Scenario, keys, value)
+        if problem is not None:
+            faults.append(problem)
+    if faults:
+        raise InputError("--set", faults)
+    return changed
+
+
+def parse_value(text: str) -> Any:
+    """A TOML value, or the text itself where it is a bare word. Raises ValueError for anything else."""
+    if not text or "\n" in text or "\r" in text:
+        raise ValueError("a value on one line is needed")
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        if text[0] in "\"'[{#" or any(char in text for char in "\"'[]{}#,= \t"):
+            raise ValueError(str(error).split(" (at ")[0] or "nested too deep") from None
+        return text
+    return parsed["value"]
+
+
+class _NoMatchError(Exception):
+    def __init__(self, fault: Fault) -> None:
+        self.fault = fault
+
+
+def _assign(data: dict[str, Any], root: type[BaseModel], keys: Sequence[str], value: Any) -> Fault | None:
+    """Set `value` at every place that `keys` matches; the fault if there is none."""
+    try:
+        matched = False
+        for table, key in _places(data, root, keys, ()):
+            table[key] = copy.deepcopy(value)
+            matched = True
+    except _NoMatchError as error:
+        return error.fault
+    if not matched:
+        return Fault(".".join(keys), "matches nothing", "a path that leads somewhere in this scenario")
+    return None
+
+
+def _places(part: Any, annotation: Any, keys: Sequence[str], above: tuple[str, ...]) -> Iterator[tuple[Any, Any]]:
+    """Every (table or list, key) that the rest of the path leads to; missing tables are made on the way."""
+    key, rest = keys[0], keys[1:]
+    here = (*above, key)
+    if element_of(annotation) is not None:
+        part = part if isinstance(part, list) else []
+        for index in _elements(part, above, key, here):
+            if rest:
+                yield from _places(part[index], element_of(annotation), rest, here)
+            else:
+                yield part, index
+        return
+    if not isinstance(part, dict):
+        raise _NoMatchError(Fault(".".join(here), f"{'.'.join(above)} is a value", "a path that ends there"))
+    for name in _names(part, annotation, key, here):
+        if not rest:
+            yield part, name
+            continue
+        below = step(annotation, name)
+        if model_of(below) is not None or value_of(below) is not None:
+            existing = part.get(name)
+            if existing is None:
+                existing = part[name] = {}
+            yield from _places(existing, below, rest, here)
+        else:
+            yield from _places(part.get(name), below, rest, here)
+
+
+def _names(part: Mapping[str, Any], annotation: Any, key: str, here: tuple[str, ...]) -> list[str]:
+    """The keys of a table that `key` means: itself, or all of them for `*`."""
+    model = model_of(annotation)
+    if key == "*":
+        return list(part)
+    if model is None and value_of(annotation) is None:
+        raise _NoMatchError(Fault(".".join(here), f"{'.'.join(here[:-1])} is a value", "a path that ends there"))
+    if model is not None and key not in model.model_fields:
+        raise _NoMatchError(Fault(".".join(here), key, "a known key", nearest(key, model.model_fields)))
+    return [key]
+
+
+def _elements(part: Sequence[Any], above: tuple[str, ...], key: str, here: tuple[str, ...]) -> list[int]:
+    """The indices in a list that `key` means: by id, by index, or all of them for `*`."""
+    if key == "*":
+        return list(range(len(part)))
+    ids = _ids(part, above)
+    if key in ids:
+        return [index for index, name in enumerate(ids) if name == key]
+    if key.isdecimal() and int(key) < len(part):
+        return [int(key)]
+    known = [name for name in ids if name]
+    hint = nearest(key, known) or (f"There are {len(part)}: 0 to {len(part) - 1}." if part else "There are none.")
+    raise _NoMatchError(Fault(".".join(here), key, "an id, an index from 0, or *", hint))
+
+
+def _ids(part: Sequence[Any], above: tuple[str, ...]) -> list[str]:
+    """The elements' ids, those that are left out being what the scenario will give them."""
+    tables = [element if isinstance(element, dict) else {} for element in part]
+    given = [name if isinstance(name := table.get("id", ""), str) else "" for table in tables]
+    if above == ("operators",):
+        colors = [color if isinstance(color := table.get("color", ""), str) else "" for table in tables]
+        return [name for name, _ in operator_names(zip(given, colors, strict=True))]
+    if above[-1:] == ("vehicles",):
+        return vehicle_names(above[-2], given) if above[-2] != "*" else given
+    return given

@@ -1,0 +1,131 @@
+"""Where can a mission drawn elsewhere be flown here? The nearest shift that keeps it clear of walls.
+
+Start and plan move together, so a mission keeps its shape. Places are tried on a square lattice, nearest
+first; equal distances go by angle. Nothing depends on chance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.affinity import translate
+
+from skyrange.city.city import City
+from skyrange.core.errors import Fault, InputError
+from skyrange.gcs.paths import Point
+from skyrange.gcs.routes import enu_points
+from skyrange.scenario.faults import spelled
+from skyrange.scenario.fleet import Vehicle
+from skyrange.scenario.flight import flight_plan
+from skyrange.scenario.schema import Scenario
+
+MARGIN_M = 5.0
+"""Kept from walls and roofs: an order above how far a multirotor strays from its path."""
+STEP_M = 4.0
+"""Spacing of the places tried: below the margin, so that no gap worth flying in is stepped over."""
+REACH_M = 600.0
+"""How far a mission may be shifted before it is no longer the same mission."""
+APART_M = 10.0
+"""Kept, seen from above, from the paths of other aircraft."""
+
+
+def placed(scenario: Scenario, city: City | None) -> Scenario:
+    """The scenario with every `placing = "clear"` carried out: starts moved, placing exact.
+
+    Vehicles are placed in order; each keeps clear of the exact ones' paths and of those placed before
+    it, so that a shift makes no collision of its own. Raises InputError with a fault for each that finds
+    no place or whose mission file is bad.
+    """
+    if all(vehicle.placing == "exact" for _, vehicle in scenario.fleet):
+        return scenario
+    datum = scenario.origin.datum
+    fleets = [list(operator.vehicles) for operator in scenario.operators]
+    order = [(o, v) for o, fleet in enumerate(fleets) for v, _ in enumerate(fleet)]
+    order.sort(key=lambda place: fleets[place[0]][place[1]].placing == "clear")  # stable: the exact ones first
+    taken: list[Any] = []
+    faults: list[Fault] = []
+    for o, v in order:
+        vehicle = fleets[o][v]
+        where = spelled(("operators", o, "vehicles", v), scenario)
+        try:
+            path = enu_points(flight_plan(datum, vehicle))
+        except InputError as error:
+            faults += [Fault(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.faults]
+            continue
+        if vehicle.placing == "clear":
+            shift = clear_shift(city, path, taken)
+            if shift is None:
+                faults.append(_no_place(where, path[0]))
+                continue
+            fleets[o][v] = _shifted(vehicle, shift)
+            path = tuple(Point(east + shift[0], north + shift[1], up) for east, north, up in path)
+        taken.append(_line(path))
+    if faults:
+        raise InputError("scenario", faults)
+    operators = tuple(
+        operator.model_copy(update={"vehicles": tuple(fleet)})
+        for operator, fleet in zip(scenario.operators, fleets, strict=True)
+    )
+    return scenario.model_copy(update={"operators": operators})
+
+
+def clear_shift(
+    city: City | None,
+    path: Sequence[Point],
+    taken: Sequence[Any] = (),
+    *,
+    margin_m: float = MARGIN_M,
+    apart_m: float = APART_M,
+) -> tuple[float, float] | None:
+    """The least (east_m, north_m) by which to shift `path` to a place that is free.
+
+    `path` is a flight's corners in metres, its first point the start. Free is a place where no building
+    is within `margin_m` of the path and none of the `taken` geometries within `apart_m` of it seen from
+    above. None if nothing within `REACH_M` will do.
+    """
+    line, others = _line(path), np.array(taken, dtype=object)
+    for east_m, north_m in _lattice():
+        moved = [Point(e + east_m, n + north_m, up) for e, n, up in path]
+        if city is not None and city.obstacles_within(moved[0].east_m, moved[0].north_m, margin_m):
+            continue  # the cheap question first
+        if len(others) and shapely.dwithin(others, translate(line, east_m, north_m), apart_m).any():
+            continue
+        if city is None or city.clear_of(moved, margin_m):
+            return east_m, north_m
+    return None
+
+
+def _line(path: Sequence[Point]) -> Any:
+    """A path seen from above."""
+    return shapely.LineString([(point.east_m, point.north_m) for point in path])
+
+
+def _shifted(vehicle: Vehicle, shift: tuple[float, float]) -> Vehicle:
+    start = vehicle.start
+    moved = start.model_copy(update={"east_m": start.east_m + shift[0], "north_m": start.north_m + shift[1]})
+    return vehicle.model_copy(update={"start": moved, "placing": "exact"})
+
+
+def _no_place(where: str, start: Point) -> Fault:
+    return Fault(
+        f"{where}.placing",
+        f"clear, from ({start.east_m:g}, {start.north_m:g}) m",
+        f"a place within {REACH_M:g} m where start and plan keep {MARGIN_M:g} m from buildings",
+        "Fly higher or smaller, or start elsewhere.",
+    )
+
+
+@cache
+def _lattice() -> tuple[tuple[float, float], ...]:
+    """Shifts within reach by distance, then by angle from east: 70,000 of them, made once."""
+    count = int(REACH_M / STEP_M)
+    steps = [
+        (i, j) for i in range(-count, count + 1) for j in range(-count, count + 1) if i * i + j * j <= count * count
+    ]
+    steps.sort(key=lambda step: (step[0] ** 2 + step[1] ** 2, math.atan2(step[1], step[0])))
+    return tuple((i * STEP_M, j * STEP_M) for i, j in steps)

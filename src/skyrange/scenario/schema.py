@@ -1,0 +1,202 @@
+"""What is a scenario? The model that TOML files and Python both build; its JSON Schema is its reference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+
+from skyrange.agent.links import Channel
+from skyrange.core.errors import Fault
+from skyrange.core.geodesy import Origin as Datum
+from skyrange.core.time import Epoch
+from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.fleet import Operator, Start, Vehicle, named
+from skyrange.scenario.links import Link, channel
+from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
+from skyrange.scenario.whole import whole_faults
+
+__all__ = [
+    "City",
+    "Grid",
+    "Link",
+    "Operator",
+    "Origin",
+    "Path",
+    "Plan",
+    "Record",
+    "Scenario",
+    "Square",
+    "Start",
+    "Vehicle",
+    "Wind",
+    "json_schema",
+    "mission_file",
+    "path",
+    "square",
+]
+
+
+class Origin(Model):
+    """The point on Earth that all metres are measured from; the ground is flat at its height."""
+
+    lat: Number = Field(ge=-89, le=89, description="WGS 84 latitude in degrees, north positive.")
+    lon: Number = Field(ge=-180, le=180, description="WGS 84 longitude in degrees, east positive.")
+    alt_msl_m: Number = Field(
+        default=0.0, ge=-500, le=9_000, description="Height of the ground above mean sea level, in metres."
+    )
+    geoid_m: Number = Field(
+        default=0.0,
+        ge=-120,
+        le=100,
+        description="Height of mean sea level above the WGS 84 ellipsoid there, in metres.",
+    )
+
+    @property
+    def datum(self) -> Datum:
+        """The same point as the geodesy's map between metres and degrees."""
+        return Datum(self.lat, self.lon, self.alt_msl_m, self.geoid_m)
+
+
+class Grid(Model):
+    """A generated downtown about the origin: square blocks of four buildings with streets between."""
+
+    blocks: tuple[Annotated[Whole, Field(ge=1, le=100)], Annotated[Whole, Field(ge=1, le=100)]] = Field(
+        default=(8, 6), description="Number of blocks, [east-west, north-south]."
+    )
+    height_m: tuple[Annotated[Number, Field(gt=0, le=1000)], Annotated[Number, Field(gt=0, le=1000)]] = Field(
+        default=(20.0, 90.0), description="Least and greatest height of a building in metres, [low, high]."
+    )
+    street_m: Number = Field(default=24.0, gt=0, le=1000, description="Width of the streets in metres.")
+    block_m: Number = Field(default=72.0, gt=0, le=1000, description="Side of a block in metres.")
+    seed: Whole = Field(default=0, ge=0, le=2**63 - 1, description="Chance of the buildings, not that of the run.")
+
+    @model_validator(mode="after")
+    def _low_to_high(self) -> Grid:
+        low, high = self.height_m
+        if low > high:
+            raise wrong(list(self.height_m), "the lower height first", where="height_m")
+        return self
+
+
+class City(Model):
+    """The buildings: exactly one of a file and a generated grid."""
+
+    buildings: FileName | None = Field(
+        default=None,
+        description="GeoJSON file of building footprints with OpenStreetMap's height or building:levels tags, "
+        "relative to the scenario's file.",
+    )
+    grid: Grid | None = Field(default=None, description="Generate a downtown; {} for one of the usual size.")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> City:
+        if (self.buildings is None) == (self.grid is None):
+            raise wrong("none of them" if self.grid is None else "both", "exactly one of buildings and grid")
+        return self
+
+
+class Wind(Model):
+    """Steady and the same everywhere."""
+
+    speed_mps: Number = Field(default=0.0, ge=0, le=60, description="Speed in m/s.")
+    from_deg: Number = Field(
+        default=0.0, ge=0, le=360, description="Where it blows from: degrees clockwise from true north."
+    )
+
+
+class Record(Model):
+    """What is written down how often, beside every frame, decision and event."""
+
+    truth_hz: Number = Field(default=10.0, ge=0, le=400, description="Rows of truth per aircraft and second; 0 none.")
+    sensors_hz: Number = Field(
+        default=5.0, ge=0, le=400, description="Rows of sensors per aircraft and second; 0 none."
+    )
+
+
+def _origin(value: Any) -> Any:
+    """(lat, lon) or (lat, lon, alt_msl_m) as an Origin's keys."""
+    value = items(value)
+    if isinstance(value, (list, tuple)) and len(value) in (2, 3):
+        return dict(zip(("lat", "lon", "alt_msl_m"), value, strict=False))
+    return value
+
+
+def _utc(moment: datetime) -> datetime:
+    """In UTC; a moment without a zone is taken as UTC."""
+    if not 1970 <= moment.year < 2100:
+        raise wrong(moment.isoformat(), "a moment from 1970 to 2099, as Unix time in microseconds carries it")
+    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+
+
+class Scenario(Model):
+    """A whole scenario. Once built, every id, colour and system id is filled in."""
+
+    name: str = Field(
+        default="scenario", min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$",
+        description="Title of the run and of its folder.",
+    )  # fmt: skip
+    seed: Whole = Field(default=1, ge=0, le=2**63 - 1, description="Chance of the run: the same seed, the same run.")
+    duration_s: Number = Field(
+        default=300.0, gt=0, le=31_536_000, description="Simulated seconds at most; a run ends early when all are done."
+    )
+    start_utc: Annotated[datetime, Strict(), AfterValidator(_utc)] = Field(
+        default=datetime(2026, 1, 1, 12, tzinfo=UTC), description="Date and time in UTC when simulated time is 0."
+    )
+    origin: Annotated[Origin, BeforeValidator(_origin, json_schema_input_type=Origin | list[float])] = Field(
+        description="The point on Earth that metres count from; in short [lat, lon] or with alt_msl_m."
+    )
+    city: City | None = Field(default=None, description="The buildings; default: none.")
+    wind: Wind = Field(default_factory=Wind, description="The wind; default: none.")
+    record: Record = Field(default_factory=Record, description="Rates of recording.")
+    links: tuple[Link, ...] = Field(
+        default=(), description="Changes to links' channels; later ones stand over earlier."
+    )
+    operators: tuple[Operator, ...] = Field(description="Who takes part, one operator or more.")
+
+    @model_validator(mode="after")
+    def _as_a_whole(self) -> Scenario:
+        object.__setattr__(self, "operators", named(self.operators))
+        faults = whole_faults(self)
+        if faults:
+            raise refuse(*faults)
+        return self
+
+    @classmethod
+    def faults_between(cls, data: Any) -> list[Fault]:
+        """What `whole` finds in a table that is no scenario yet."""
+        return whole_faults(data)
+
+    @property
+    def epoch(self) -> Epoch:
+        """Where simulated time 0 lies in UTC."""
+        return Epoch.from_datetime(self.start_utc)
+
+    @property
+    def fleet(self) -> Iterator[tuple[Operator, Vehicle]]:
+        """Every vehicle with its operator, in order."""
+        return ((operator, vehicle) for operator in self.operators for vehicle in operator.vehicles)
+
+    def channel(self, name: str, default: Channel) -> Channel:
+        """The channel of the link called `name`: `default` under every rule of `links` that matches."""
+        return channel(self.links, name, default)
+
+    def data(self) -> dict[str, Any]:
+        """The scenario as plain data that `load.build` turns into its equal: no None, tuples as lists."""
+        return {key: _listed(value) for key, value in self.model_dump(exclude_none=True).items()}
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _listed(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_listed(item) for item in value]
+    return value
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of a scenario; every property says its meaning and unit."""
+    schema = Scenario.model_json_schema(mode="validation")
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,76 @@
+"""Which field of the model does a key path mean? Walks annotations, past options, lists and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+
+def model_of(annotation: Any) -> type[BaseModel] | None:
+    """The model that a value of this type is, if it is one."""
+    for option in _options(annotation):
+        if isinstance(option, type) and issubclass(option, BaseModel):
+            return option
+    return None
+
+
+def element_of(annotation: Any) -> Any | None:
+    """The type of the elements, if this is a sequence of any length."""
+    for option in _options(annotation):
+        if get_origin(option) is tuple and get_args(option)[1:] == (...,):
+            return get_args(option)[0]
+    return None
+
+
+def value_of(annotation: Any) -> Any | None:
+    """The type of the values, if this is a table with free keys."""
+    for option in _options(annotation):
+        if get_origin(option) is dict:
+            return get_args(option)[1]
+    return None
+
+
+def step(annotation: Any, key: str | int) -> Any | None:
+    """The type one step down, by a field's name, an element's index or a table's key; None where there is none."""
+    if isinstance(key, int):
+        return element_of(annotation)
+    model = model_of(annotation)
+    if model is not None:
+        field = model.model_fields.get(key)
+        return None if field is None else field.annotation
+    return value_of(annotation)
+
+
+def walk(root: Any, keys: Iterable[str | int]) -> Any | None:
+    """The type at a path below `root`, None if the path leaves the model."""
+    for key in keys:
+        if root is None:
+            return None
+        root = step(root, key)
+    return root
+
+
+def field_at(root: Any, keys: tuple[str | int, ...]) -> FieldInfo | None:
+    """The field that a path ends in or, where it ends inside a field's value, that field."""
+    found = None
+    for depth, key in enumerate(keys):
+        model = model_of(root)
+        if model is not None and isinstance(key, str) and key in model.model_fields:
+            found = model.model_fields[key]
+        root = step(root, keys[depth])
+        if root is None:
+            break
+    return found
+
+
+def _options(annotation: Any) -> list[Any]:
+    """The alternatives of a type, without annotations' extras."""
+    while get_origin(annotation) is Annotated:
+        annotation = get_args(annotation)[0]
+    if get_origin(annotation) in (Union, UnionType):
+        return [option for part in get_args(annotation) for option in _options(part)]
+    return [annotation]

@@ -1,0 +1,216 @@
+"""How does a scenario become something a kernel can run? Placed, checked, and every part built and connected."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skyrange.agent.contracts import Agent
+from skyrange.agent.links import Channel, LinkSpec, Route
+from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, find
+from skyrange.city.city import City
+from skyrange.codec.missions import format_waypoints
+from skyrange.core.chance import Chance
+from skyrange.core.errors import InputError
+from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
+from skyrange.core.time import NS_PER_MS, Time, from_seconds
+from skyrange.gcs.flights import Flight
+from skyrange.gcs.plans import FlightPlan
+from skyrange.gcs.station import GroundStation
+from skyrange.kernel import EngineMount, Wiring
+from skyrange.scenario.check import check
+from skyrange.scenario.emit import to_toml
+from skyrange.scenario.flight import flight_plan
+from skyrange.scenario.placing import placed
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.surroundings import build_city
+from skyrange.utm.service import FlightApproval
+from skyrange.vehicle.builtin.engine import VehicleSpec
+from skyrange.vehicle.onboard import links as vehicle_links
+from skyrange.vehicle.onboard import routes
+from skyrange.world import Body, World
+
+APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
+"""A web service some tens of milliseconds away."""
+
+
+@dataclass(slots=True)
+class Rig:
+    """A scenario ready to run: the wiring, and what the run folder says of it."""
+
+    scenario: Scenario
+    wiring: Wiring
+    city: City | None
+    duration_ns: Time
+    header: dict[str, Any]
+    """The manifest's part that is known before the run."""
+    attachments: dict[str, bytes]
+    """Files of the run folder by name: the scenario, the missions and the city as flown."""
+
+
+def wire(scenario: Scenario) -> Rig:
+    """Build everything. Raises `InputError` with all that is wrong, before anything is written or started."""
+    city = build_city(scenario)
+    scenario = placed(scenario, city)
+    faults = check(scenario, city)
+    if faults:
+        raise InputError(f"scenario {scenario.name}", faults)
+    origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
+    plans = {vehicle_id(operator.id, vehicle.id): flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet}
+    links, all_routes = _network(scenario)
+    world, engines = _aircraft(scenario, city, chance)
+    agents: list[Agent] = [*_approvals(scenario)]
+    for operator in scenario.operators:
+        flights = [
+            Flight(
+                vehicle=vehicle_id(operator.id, vehicle.id),
+                system_id=vehicle.system_id,
+                plan=plans[vehicle_id(operator.id, vehicle.id)],
+                depart_s=vehicle.depart_s,
+            )
+            for vehicle in operator.vehicles
+        ]
+        agents.append(GroundStation(operator.id, flights, epoch))
+    wiring = Wiring(seed=scenario.seed, links=links, routes=all_routes, agents=agents, world=world, engines=engines)
+    return Rig(
+        scenario,
+        wiring,
+        city,
+        from_seconds(scenario.duration_s),
+        _header(scenario, city, links, plans),
+        _attachments(scenario, plans, city),
+    )
+
+
+def _network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
+    links: list[LinkSpec] = []
+    all_routes: list[Route] = []
+    for operator in scenario.operators:
+        station = endpoint(operator.id, "gcs")
+        name = link_name(APPROVAL, operator.id)
+        links.append(LinkSpec(name, station, APPROVAL, scenario.channel(name, APPROVAL_CHANNEL)))
+        for vehicle in operator.vehicles:
+            key = vehicle_id(operator.id, vehicle.id)
+            links += [
+                LinkSpec(spec.name, spec.a, spec.b, scenario.channel(spec.name, spec.channel))
+                for spec in vehicle_links(key, operator.id)
+            ]
+            all_routes += routes(key)
+    return links, all_routes
+
+
+def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[World, list[EngineMount]]:
+    bodies = []
+    specs: dict[str, list[tuple[int, VehicleSpec]]] = {}
+    for row, (operator, vehicle) in enumerate(scenario.fleet):
+        key = vehicle_id(operator.id, vehicle.id)
+        start = vehicle.start
+        bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg))
+        spec = VehicleSpec(
+            id=key,
+            system_id=vehicle.system_id,
+            airframe=vehicle.airframe,
+            home_enu_m=(start.east_m, start.north_m, 0.0),
+            heading_deg=start.heading_deg,
+            params=dict(vehicle.params),
+        )
+        specs.setdefault(vehicle.autopilot, []).append((row, spec))
+    blows_from = math.radians(scenario.wind.from_deg)
+    speed = -scenario.wind.speed_mps  # the direction names where it comes from
+    wind = (speed * math.sin(blows_from), speed * math.cos(blows_from), 0.0)
+    world = World(bodies, wind_enu_mps=wind, city=city)
+    mounts = []
+    for kind, members in specs.items():
+        rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
+        if len(members) == len(bodies):
+            rows = slice(None)  # views instead of copies
+        engine = find(AUTOPILOTS, kind)(
+            kind, [spec for _, spec in members], scenario.origin.datum, scenario.epoch, chance
+        )
+        mounts.append(EngineMount(engine, rows))
+    return world, mounts
+
+
+def _approvals(scenario: Scenario) -> list[FlightApproval]:
+    kinds: dict[str, list[str]] = {}
+    for operator in scenario.operators:
+        kinds.setdefault(operator.approval, []).append(operator.id)
+    services = []
+    for kind, operators in kinds.items():
+        service = FlightApproval(operators, scenario.epoch, find(APPROVALS, kind)())
+        service.name = f"{APPROVAL}.{kind}"
+        services.append(service)
+    return services
+
+
+def _header(
+    scenario: Scenario, city: City | None, links: list[LinkSpec], plans: Mapping[str, FlightPlan]
+) -> dict[str, Any]:
+    colors = {operator.id: operator.color for operator in scenario.operators}
+    return {
+        "name": scenario.name,
+        "seed": scenario.seed,
+        "start_utc": scenario.epoch.iso(0),
+        "start_unix_ns": scenario.epoch.unix_ns,
+        "duration_s": scenario.duration_s,
+        "origin": {
+            "lat_deg": scenario.origin.lat,
+            "lon_deg": scenario.origin.lon,
+            "alt_msl_m": scenario.origin.alt_msl_m,
+            "geoid_m": scenario.origin.geoid_m,
+        },
+        "operators": [
+            {"id": operator.id, "color": operator.color, "approval": operator.approval}
+            for operator in scenario.operators
+        ],
+        "vehicles": [
+            {
+                "id": vehicle_id(operator.id, vehicle.id),
+                "operator": operator.id,
+                "color": colors[operator.id],
+                "autopilot": vehicle.autopilot,
+                "airframe": vehicle.airframe,
+                "system_id": vehicle.system_id,
+                "home_enu_m": [vehicle.start.east_m, vehicle.start.north_m, 0.0],
+                "plan": plans[vehicle_id(operator.id, vehicle.id)].name,
+            }
+            for operator, vehicle in scenario.fleet
+        ],
+        "links": [
+            {
+                "name": spec.name,
+                "a": spec.a,
+                "b": spec.b,
+                "channel": {name: getattr(spec.channel, name) for name in spec.channel.__slots__},
+            }
+            for spec in links
+        ],
+        "city": {"source": city.source, "buildings": len(city.buildings)} if city is not None else None,
+    }
+
+
+def _attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
+    """The scenario with all files it names, so that the folder alone repeats the run, and what was flown of them."""
+    copies: dict[str, str] = {}
+    files: dict[str, bytes] = {}
+    for _, vehicle in scenario.fleet:
+        given = vehicle.plan.file
+        if given is not None and given not in copies:
+            copies[given] = f"missions/given/{len(copies) + 1}-{Path(given).name}"
+            files[copies[given]] = Path(given).read_bytes()
+    if scenario.city is not None and scenario.city.buildings is not None:
+        copies[scenario.city.buildings] = "city.geojson"
+        files["city.geojson"] = Path(scenario.city.buildings).read_bytes()
+    files["scenario.toml"] = to_toml(scenario, copies).encode()
+    if city is not None:
+        files["city.json"] = json.dumps(city.to_json_rows(), separators=(",", ":")).encode()
+    for name, plan in plans.items():
+        if plan.mission is not None:
+            files[f"missions/{name.replace('/', '-')}.waypoints"] = format_waypoints(plan.mission).encode()
+    return files

@@ -1,0 +1,1 @@
+"""Look at runs after they flew: compare them, measure, draw and report."""

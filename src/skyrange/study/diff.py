@@ -1,0 +1,276 @@
+"""Are two runs the same, and if not, where do they first part?
+
+Rows are compared in an order that does not depend on how they were recorded: frames by time of sending, link,
+direction, sender and serial, truth by time and vehicle. Both runs are read once, in step, never whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from skyrange.codec.mavlink import message_name
+from skyrange.core.time import to_seconds
+from skyrange.record.order import in_order
+from skyrange.record.run import RunRecord, load
+from skyrange.record.schema import TABLES
+
+_KEYS: dict[str, tuple[str, ...]] = {
+    "frames": ("sent_ns", "link", "direction", "sender", "serial"),
+    "truth": ("time_ns", "vehicle"),
+    "events": ("time_ns", "about", "source", "kind", "data"),
+    "decisions": ("time_ns", "about", "source", "kind", "data"),
+    "labels": ("at_ns", "attack", "actor", "action", "frame"),
+}
+"""The tables that are compared row by row, with what orders and identifies their rows: first a time in ns."""
+
+_COUNTED = [name for name in TABLES if name not in ("telemetry", "payloads")]
+"""Telemetry and payloads follow from the frames; how payloads were de-duplicated is no difference."""
+
+
+@dataclass(frozen=True, slots=True)
+class RowDifference:
+    """The first row of one table in which two runs differ.
+
+    `only_in` is "a" or "b" where the other has no such row, else `columns` has (a's value, b's) of each column
+    that differs. Values are JSON's; bytes are hexadecimal.
+    """
+
+    table: str
+    time_ns: int
+    row: str
+    only_in: str | None
+    columns: Mapping[str, tuple[Any, Any]]
+
+    def __str__(self) -> str:
+        start = f"{self.table}: first at {to_seconds(self.time_ns):.6f} s, {self.row}"
+        if self.only_in:
+            return f"{start}: only in {self.only_in}"
+        cells = [f"    {name}: {_short(name, a)} | {_short(name, b)}" for name, (a, b) in self.columns.items()]
+        return "\n".join([start, *cells])
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How two runs compare. `a` and `b` are their folders, `statuses` how each ended; pairs are (a's, b's)."""
+
+    a: str
+    b: str
+    same: bool
+    statuses: tuple[str, str]
+    counts: Mapping[str, tuple[int, int]]
+    digests: Mapping[str, tuple[str | None, str | None]]
+    first: Mapping[str, RowDifference]
+    outcomes: Mapping[str, tuple[Any, Any]]
+    columns: Mapping[str, tuple[list[str], list[str]]]
+    numeric: tuple[str | None, str | None]
+
+    @property
+    def first_frame(self) -> RowDifference | None:
+        """The earliest frame that differs."""
+        return self.first.get("frames")
+
+    @property
+    def first_truth(self) -> RowDifference | None:
+        """The earliest truth row that differs."""
+        return self.first.get("truth")
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as JSON's values."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        lines = [f"a: {self.a} ({self.statuses[0]})", f"b: {self.b} ({self.statuses[1]})"]
+        if self.same:
+            rows = ", ".join(f"{count} {name}" for name, (count, _) in self.counts.items() if count)
+            return "\n".join([*lines, f"the same: {rows or 'both empty'}"])
+        lines += [f"rows of {name}: {a} | {b}" for name, (a, b) in self.counts.items() if a != b]
+        for name, (a, b) in self.columns.items():
+            lines.append(f"columns of {name}: only in a {', '.join(a) or '-'}; only in b {', '.join(b) or '-'}")
+        lines += [str(row) for row in sorted(self.first.values(), key=_time)]
+        lines += [f"outcome of {vehicle}: {_outcome(a)} | {_outcome(b)}" for vehicle, (a, b) in self.outcomes.items()]
+        if self.numeric[0] != self.numeric[1]:
+            lines.append(
+                f"numeric platforms differ: {self.numeric[0]} | {self.numeric[1]}; only events compare exactly"
+            )
+        return "\n".join(lines)
+
+
+def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
+    """Compare two runs, complete or killed; `InputError` for a folder that holds none.
+
+    Frames and truth of two runs that ended are not read where their digests agree.
+    """
+    left, right = (run if isinstance(run, RunRecord) else load(run) for run in (a, b))
+    digests = {
+        name: (_digest(left, name), _digest(right, name)) for name in ("events", "frames", "truth", "fingerprint")
+    }
+    first: dict[str, RowDifference] = {}
+    columns: dict[str, tuple[list[str], list[str]]] = {}
+    for table in _KEYS:
+        mine, other = (set(run.tables.schema(table).names) for run in (left, right))
+        if mine != other:
+            columns[table] = sorted(mine - other), sorted(other - mine)
+        known = digests.get(table, (None, None)) if table in ("frames", "truth") else (None, None)
+        if known[0] is None or known[0] != known[1]:
+            found = _first_difference(table, left, right, mine & other)
+            if found is not None:
+                first[table] = found
+    counts = {name: (left.rows(name), right.rows(name)) for name in _COUNTED}
+    ends = left.outcomes, right.outcomes
+    outcomes = {
+        vehicle: (ends[0].get(vehicle), ends[1].get(vehicle))
+        for vehicle in sorted({*ends[0], *ends[1]})
+        if ends[0].get(vehicle) != ends[1].get(vehicle)
+    }
+    return Difference(
+        a=str(left.path),
+        b=str(right.path),
+        same=not (first or outcomes or columns) and all(mine == other for mine, other in counts.values()),
+        statuses=(left.status, right.status),
+        counts=counts,
+        digests=digests,
+        first=first,
+        outcomes=outcomes,
+        columns=columns,
+        numeric=(_numeric(left), _numeric(right)),
+    )
+
+
+def _first_difference(table: str, a: RunRecord, b: RunRecord, columns: set[str]) -> RowDifference | None:
+    keys = _KEYS[table]
+    streams = _ordered(table, a, columns), _ordered(table, b, columns)
+    held: list[Any] = [None, None]
+    while True:
+        for side in (0, 1):
+            if held[side] is None or not held[side].num_rows:
+                held[side] = next(streams[side], None)
+        left, right = held
+        if left is None or right is None:
+            if left is None and right is None:
+                return None
+            rest = left if right is None else right
+            return _lone(table, keys, rest.slice(0, 1).to_pylist()[0], "a" if right is None else "b")
+        rows = min(left.num_rows, right.num_rows)
+        place = _first_unequal(left.slice(0, rows), right.slice(0, rows))
+        if place is not None:
+            return _judged(table, keys, left.slice(place, 1).to_pylist()[0], right.slice(place, 1).to_pylist()[0])
+        held = [left.slice(rows), right.slice(rows)]
+
+
+def _ordered(table: str, run: RunRecord, columns: set[str]) -> Iterator[pa.Table]:
+    """The table's common columns in canonical order; frames with their payloads instead of payload ids."""
+    names = [name for name in run.tables.schema(table).names if name in columns and name != "payload_id"]
+    names = [*_KEYS[table], *sorted(name for name in names if name not in _KEYS[table])]
+
+    def tables() -> Iterator[pa.Table]:
+        if table == "frames":
+            source = run.tables.frames_with_payloads(names)
+        else:
+            source = (pa.Table.from_batches([batch]) for batch in run.tables.batches(table, names))
+        for batch in source:
+            if "causes" in names:
+                place = batch.schema.get_field_index("causes")
+                batch = batch.set_column(place, "causes", pc.binary_join(batch.column("causes"), " "))
+            yield batch
+
+    return in_order(tables, _KEYS[table][0], _KEYS[table][1:])
+
+
+def _first_unequal(a: pa.Table, b: pa.Table) -> int | None:
+    places = []
+    for name in a.column_names:
+        if a.column(name).equals(b.column(name)) and not pa.types.is_floating(a.column(name).type):
+            continue
+        found = np.flatnonzero(_unequal(a.column(name).combine_chunks(), b.column(name).combine_chunks()))
+        if len(found):
+            places.append(int(found[0]))
+    return min(places, default=None)
+
+
+def _unequal(a: pa.Array, b: pa.Array) -> NDArray[np.bool_]:
+    """Where two columns differ: floats in their bits, a missing value from every other."""
+    if pa.types.is_floating(a.type):
+        bits: NDArray[np.bool_] = a.to_numpy(zero_copy_only=False).view(np.int64) != b.to_numpy(
+            zero_copy_only=False
+        ).view(np.int64)
+        return bits
+    values = pc.fill_null(pc.not_equal(a, b), False)
+    gaps = pc.xor(pc.is_null(a), pc.is_null(b))
+    result: NDArray[np.bool_] = pc.or_(values, gaps).to_numpy(zero_copy_only=False)
+    return result
+
+
+def _judged(table: str, keys: tuple[str, ...], a: dict[str, Any], b: dict[str, Any]) -> RowDifference:
+    mine, other = tuple(a[key] for key in keys), tuple(b[key] for key in keys)
+    if mine < other:
+        return _lone(table, keys, a, "a")
+    if other < mine:
+        return _lone(table, keys, b, "b")
+    cells = {name: (_value(a[name]), _value(b[name])) for name in a if not _alike(a[name], b[name])}
+    return RowDifference(table, int(mine[0]), _name(table, a), None, cells)
+
+
+def _lone(table: str, keys: tuple[str, ...], row: dict[str, Any], side: str) -> RowDifference:
+    return RowDifference(table, int(row[keys[0]]), _name(table, row), side, {})
+
+
+def _name(table: str, row: Mapping[str, Any]) -> str:
+    """What a reader calls the row: a frame by its id, and what it is."""
+    if table == "frames":
+        what = message_name(row["payload"]) or f"{len(row['payload'])} bytes"
+        return f"{row['link']}:{row['direction']}:{row['sender']}#{row['serial']} ({what})"
+    if table == "truth":
+        return str(row["vehicle"])
+    return " ".join(str(row[key]) for key in _KEYS[table][1:])
+
+
+def _alike(a: object, b: object) -> bool:
+    if isinstance(a, float) and isinstance(b, float):
+        return a.hex() == b.hex()
+    return a == b
+
+
+def _value(value: Any) -> Any:
+    """As JSON can hold it; floats that it cannot as text."""
+    if isinstance(value, bytes):
+        return value.hex()
+    return str(value) if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _short(column: str, value: Any) -> str:
+    text = str(value)
+    if column != "payload":
+        return text
+    name = message_name(bytes.fromhex(text))
+    return (f"{name} " if name else "") + (text if len(text) <= 64 else text[:64] + "…")
+
+
+def _digest(run: RunRecord, name: str) -> str | None:
+    found = (run.manifest.get("digests") or {}).get(name) if run.ended and not run.tables.spooled else None
+    return str(found) if found else None
+
+
+def _numeric(run: RunRecord) -> str | None:
+    platform = run.manifest.get("platform")
+    found = platform.get("numeric") if isinstance(platform, dict) else None
+    return str(found) if found else None
+
+
+def _outcome(entry: Any) -> str:
+    if not isinstance(entry, dict):
+        return "none"
+    reason = f" ({entry['reason']})" if entry.get("reason") else ""
+    when = f" at {entry['finished_s']} s" if entry.get("finished_s") is not None else ""
+    return f"{entry.get('state')}{when}{reason}"
+
+
+def _time(row: RowDifference) -> int:
+    return row.time_ns

@@ -1,0 +1,204 @@
+"""What did the run look like? Three drawings as SVG: trajectories in space, the plan from above, altitude over time.
+
+Each function takes a run's record and returns a `Figure`, which a notebook shows and `save` writes. Drawings hold no
+script and fetch nothing. Elements of the aircraft number k in the manifest carry the class `ink-k`, so a page can
+recolour them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.study import svg
+from skyrange.study.boxes import box
+from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
+from skyrange.study.subject import Subject, subject_of
+from skyrange.study.svg import Figure, number
+from skyrange.study.thin import kept_rows
+
+__all__ = ["Figure", "altitude", "plan_view", "trajectories_3d"]
+
+Floats = NDArray[np.float64]
+Source = Literal["belief", "truth"]
+
+_STOREYS_M = 12.0
+"""Buildings are shaded in eight steps of this height."""
+
+
+def trajectories_3d(record: Record, operators: Sequence[str] | None = None, source: Source = "belief") -> Figure:
+    """One box of trajectories per operator, side by side, axes in metres east, north and up of the origin.
+
+    By default each operator's box shows its own aircraft as its own ground station saw them (`source="belief"`: the
+    GLOBAL_POSITION_INT messages it received), as figure 7 of the published five-aircraft demonstration does;
+    `source="truth"` shows where they were. `operators` picks and orders; `None` is all of them. Raises `ValueError`
+    for an operator that the run does not have.
+    """
+    tracks = belief_tracks(record) if source == "belief" else truth_tracks(record)
+    return draw_boxes(subject_of(record), tracks, operators, source)
+
+
+def plan_view(record: Record, waypoints: Mapping[str, Floats] | None = None, width: float = 760.0) -> Figure:
+    """The run from above: buildings shaded by height, true paths, homes, a scale bar and north.
+
+    `waypoints` are (n, 3) ENU metres by vehicle id, drawn as small diamonds (`study.waypoints.uploaded` reads them
+    from the record). `width` in pixels.
+    """
+    return draw_plan(subject_of(record), truth_tracks(record), waypoints or {}, width)
+
+
+def altitude(record: Record, width: float = 760.0, height: float = 300.0) -> Figure:
+    """True height above the origin, metres, over simulated time, seconds, one line per aircraft; sizes in pixels."""
+    return draw_altitude(subject_of(record), truth_tracks(record), width, height)
+
+
+def draw_boxes(
+    subject: Subject, tracks: Mapping[str, Track], operators: Sequence[str] | None, source: Source, titled: bool = True
+) -> Figure:
+    """`trajectories_3d` of tracks that are at hand; `titled` puts the operator's name over each box."""
+    known = list(dict.fromkeys(vehicle.operator for vehicle in subject.fleet))
+    chosen = known if operators is None else list(operators)
+    for operator in chosen:
+        if operator not in known:
+            raise ValueError(f"operator {operator!r} is not in this run; it has {', '.join(known) or 'none'}")
+    columns = min(max(len(chosen), 1), 3)
+    width, height = 460.0, 390.0
+    body = []
+    for place, operator in enumerate(chosen):
+        own = [vehicle for vehicle in subject.fleet if vehicle.operator == operator]
+        body.append(f'<g transform="translate({number(place % columns * width)} {number(place // columns * height)})">')
+        if titled:
+            heading = f"{operator} — as its ground station saw it" if source == "belief" else f"{operator} — truth"
+            body.append(svg.text(width / 2, 20, heading, size=14, extra='font-weight="600"'))
+        body.append(box(subject, own, tracks, width, height) + "</g>")
+    title = f"Trajectories of {', '.join(chosen) or 'nobody'} in {subject.name} ({source})"
+    return Figure(svg.document(columns * width, max(1, math.ceil(len(chosen) / columns)) * height, title, body), title)
+
+
+def draw_overview(subject: Subject, tracks: Mapping[str, Track]) -> Figure:
+    """Everybody's true paths in one box, with the buildings between them."""
+    title = f"All trajectories of {subject.name}"
+    return Figure(svg.document(900, 520, title, [box(subject, subject.fleet, tracks, 900, 520)]), title)
+
+
+def draw_plan(
+    subject: Subject, tracks: Mapping[str, Track], waypoints: Mapping[str, Floats], width: float = 760.0
+) -> Figure:
+    """`plan_view` of tracks that are at hand."""
+    homes = [np.array([vehicle.home_enu_m]) for vehicle in subject.fleet if vehicle.home_enu_m is not None]
+    solid = [rows for rows in (*(t.enu_m for t in tracks.values()), *homes, *waypoints.values()) if len(rows)]
+    low = np.min([rows.min(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, -5.0)
+    high = np.max([rows.max(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, 5.0)
+    span = np.maximum(high - low, 10.0)
+    span = span + 2 * np.maximum(0.08 * span, 14.0 if subject.city else 1.0)  # walls give a path its meaning
+    span[1] = max(span[1], span[0] * 0.5)
+    span[0] = max(span[0], span[1] * 0.9)
+    scale = width / float(span[0])
+    height = float(span[1]) * scale
+    corner = 0.5 * (low + high) + np.array([-0.5, 0.5]) * span
+
+    def pixels(enu: Floats) -> Floats:
+        return np.stack([(enu[:, 0] - corner[0]) * scale, (corner[1] - enu[:, 1]) * scale], axis=1)
+
+    body = [f'<g class="plan-buildings">{_footprints(subject.city, pixels, width, height)}</g>']
+    for vehicle in subject.fleet:
+        body.append(_plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels))
+    body.append(_scale_bar(scale, width, height))
+    body.append(
+        f'<g transform="translate({number(width - 28)} 30)"><path d="M0 -18L7 8L0 3L-7 8z" fill="currentColor"/>'
+        + svg.text(0, 22, "N", size=12, extra='font-weight="600"')
+        + "</g>"
+    )
+    title = f"Plan view of {subject.name}"
+    return Figure(svg.document(width, height, title, body, f"{len(subject.fleet)} aircraft; north is up"), title)
+
+
+def draw_altitude(subject: Subject, tracks: Mapping[str, Track], width: float = 760.0, height: float = 300.0) -> Figure:
+    """`altitude` of tracks that are at hand."""
+    flown = [track for track in tracks.values() if len(track)]
+    first = min((float(track.time_ns[0]) for track in flown), default=0.0) * 1e-9
+    last = max(max((float(track.time_ns[-1]) for track in flown), default=0.0) * 1e-9, first + 1.0)
+    low = min((float(track.enu_m[:, 2].min()) for track in flown), default=0.0)
+    top = max(max((float(track.enu_m[:, 2].max()) for track in flown), default=1.0), low + 1.0) * 1.06
+    low = 0.0 if low > -0.05 * top else low
+    left, right, above, below = 44.0, 12.0, 22.0, 38.0
+    x_scale, y_scale = (width - left - right) / (last - first), (height - above - below) / (top - low)
+    body = [svg.text(left, above - 9, "height above the origin, m", "start", extra='opacity=".7"')]
+    values, step = svg.ticks(low, top, 5)
+    for value in values:
+        y = height - below - (value - low) * y_scale
+        body.append(
+            f'<path d="M{number(left)} {number(y)}H{number(width - right)}" stroke="currentColor" stroke-opacity=".16"/>'
+        )
+        body.append(svg.text(left - 7, y + 4, svg.label(value, step), "end"))
+    values, step = svg.ticks(first, last, 8)
+    for value in values:
+        body.append(svg.text(left + (value - first) * x_scale, height - below + 17, svg.label(value, step)))
+    body.append(svg.text((left + width - right) / 2, height - 5, "simulated time, s", extra='opacity=".7"'))
+    budget = max(60, svg.POINTS // max(len(subject.fleet), 1))
+    for vehicle in subject.fleet:
+        track = tracks[vehicle.id]
+        rows = kept_rows(track.time_ns, track.enu_m[:, 2:], budget, 0.3 / y_scale)
+        x = left + (track.time_ns[rows] * 1e-9 - first) * x_scale
+        y = height - below - (track.enu_m[rows, 2] - low) * y_scale
+        body.append(subject.line(vehicle, np.stack([x, y], axis=1)))
+    title = f"Altitude over time in {subject.name}"
+    return Figure(svg.document(width, height, title, body), title)
+
+
+def _plan_vehicle(subject: Subject, vehicle: Vehicle, track: Track, waypoints: Floats | None, pixels: Any) -> str:
+    """The path, waypoints and home of one aircraft."""
+    index, colour = subject.index(vehicle), subject.inks[vehicle.id].light
+    rows = kept_rows(track.time_ns, track.enu_m[:, :2], max(60, svg.POINTS // len(subject.fleet)), 0.02)
+    parts = [subject.line(vehicle, pixels(track.enu_m[rows]))]
+    for x, y in pixels(waypoints).tolist() if waypoints is not None and len(waypoints) else []:
+        diamond = np.array([[x, y - 4], [x + 4, y], [x, y + 4], [x - 4, y]])
+        parts.append(subject.line(vehicle, diamond, weight="1.2", close=True))
+    if vehicle.home_enu_m is not None:
+        x, y = pixels(np.array([vehicle.home_enu_m]))[0]
+        parts.append(
+            f'<g class="home ink-{index}" fill="{colour}"><circle cx="{number(x)}" cy="{number(y)}" r="4.5"/>'
+            f'<circle cx="{number(x)}" cy="{number(y)}" r="1.8" fill="#fff"/>'
+            f"<title>{escape(vehicle.id)}: home</title></g>"
+        )
+        if len(subject.fleet) <= 40:  # more names would only cover each other
+            parts.append(svg.text(x + 8, y + 13, vehicle.short, "start", 10.5, 'opacity=".8"'))
+    return "".join(parts)
+
+
+def _footprints(city: Sequence[Mapping[str, Any]], pixels: Any, width: float, height: float) -> str:
+    """Outlines that touch the picture, in eight classes of height so that each class is one path."""
+    classes: dict[int, list[str]] = {}
+    for building in city:
+        rings = [pixels(np.asarray(ring, dtype=np.float64)) for ring in building.get("rings") or [] if len(ring) > 2]
+        if not rings or not _touches(rings[0], width, height):
+            continue
+        level = int(np.clip(float(building.get("height_m") or 0.0) // _STOREYS_M, 0, 7))
+        classes.setdefault(level, []).append("".join(svg.path_data(ring, close=True) for ring in rings))
+    return "".join(
+        f'<path d="{"".join(classes[level])}" fill="currentColor" fill-opacity="{0.07 + 0.035 * level:.3f}" '
+        'fill-rule="evenodd" stroke="currentColor" stroke-opacity=".28" stroke-width=".7"/>'
+        for level in sorted(classes)
+    )
+
+
+def _touches(points: Floats, width: float, height: float) -> bool:
+    low, high = points.min(axis=0), points.max(axis=0)
+    return bool(high[0] > 0 and high[1] > 0 and low[0] < width and low[1] < height)
+
+
+def _scale_bar(scale: float, width: float, height: float) -> str:
+    metres = svg.nice_step(width / scale, 5)
+    length = metres * scale
+    y = height - 16
+    return (
+        f'<g class="scale-bar"><path d="M16 {number(y - 5)}V{number(y)}H{number(16 + length)}V{number(y - 5)}" '
+        f'fill="none" stroke="currentColor" stroke-width="1.4"/>'
+        + svg.text(16 + length / 2, y - 6, f"{svg.label(metres, metres)} m")
+        + "</g>"
+    )

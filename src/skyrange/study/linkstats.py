@@ -1,0 +1,126 @@
+"""How did each link do? Frames sent, delivered, lost; bytes; latency; from the record in one bounded pass."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from skyrange.agent.frames import Fate
+from skyrange.study.series import Record
+
+_BINS_PER_DECADE = 230
+"""Latency bins grow by 1 % each, so a quantile read from them is within 1 %."""
+_DECADES = 10
+_BINS = _BINS_PER_DECADE * _DECADES
+
+
+@dataclass(slots=True)
+class LinkStats:
+    """One direction of one link instance, or a sum of several.
+
+    `fates` counts frames by fate (`agent.frames.Fate`), `size_bytes` all that was sent, latency only what was
+    delivered.
+    """
+
+    kind: str
+    owner: str
+    direction: str
+    fates: dict[str, int] = field(default_factory=dict)
+    size_bytes: int = 0
+    latency_sum_s: float = 0.0
+    _latencies: NDArray[np.int64] = field(default_factory=lambda: np.zeros(_BINS, dtype=np.int64))
+
+    @property
+    def sent(self) -> int:
+        """Frames put on the link."""
+        return sum(self.fates.values())
+
+    @property
+    def delivered(self) -> int:
+        """Frames that reached the other end."""
+        return self.fates.get(Fate.DELIVERED, 0)
+
+    @property
+    def operator(self) -> str:
+        """The operator that the link belongs to."""
+        return self.owner.split("/", 1)[0]
+
+    @property
+    def mean_latency_s(self) -> float:
+        """Mean time from sending to arrival; NaN where nothing was delivered."""
+        return self.latency_sum_s / self.delivered if self.delivered else math.nan
+
+    @property
+    def p95_latency_s(self) -> float:
+        """The latency that 95 % of the delivered frames did not exceed, within 1 %; NaN where none was delivered."""
+        total = int(self._latencies.sum())
+        if not total:
+            return math.nan
+        index = int(np.searchsorted(np.cumsum(self._latencies), math.ceil(0.95 * total)))
+        return float(10.0 ** ((index + 0.5) / _BINS_PER_DECADE)) * 1e-9
+
+    def add(self, other: LinkStats) -> None:
+        """Count the frames of `other` too."""
+        for fate, count in other.fates.items():
+            self.fates[fate] = self.fates.get(fate, 0) + count
+        self.size_bytes += other.size_bytes
+        self.latency_sum_s += other.latency_sum_s
+        self._latencies += other._latencies
+
+    def take(self, fate: str, sizes: NDArray[np.int64], latencies_ns: NDArray[np.float64]) -> None:
+        """Count frames of one fate; `latencies_ns` (n,) is read only for delivered ones."""
+        self.fates[fate] = self.fates.get(fate, 0) + int(sizes.shape[0])
+        self.size_bytes += int(sizes.sum())
+        if fate == Fate.DELIVERED:
+            self.latency_sum_s += float(latencies_ns.sum()) * 1e-9
+            bins = np.clip(np.log10(np.maximum(latencies_ns, 1.0)) * _BINS_PER_DECADE, 0, _BINS - 1)
+            self._latencies += np.bincount(bins.astype(np.int64), minlength=_BINS)
+
+
+def link_stats(record: Record) -> list[LinkStats]:
+    """Every direction of every link instance that the manifest names or a frame crossed, by kind and owner."""
+    found: dict[tuple[str, str], LinkStats] = {}
+    for row in record.manifest.get("links") or []:
+        for direction in ("fwd", "rev"):
+            _entry(found, str(row["name"]), direction)
+    for batch in record.batches("frames", ["link", "direction", "fate", "size", "sent_ns", "arrived_ns"]):
+        _count(found, batch)
+    return sorted(found.values(), key=lambda stats: (stats.kind, stats.owner, stats.direction))
+
+
+def summed(stats: list[LinkStats], by_direction: bool = True) -> list[LinkStats]:
+    """Sums over all instances of one kind (and direction), in order of kind."""
+    sums: dict[tuple[str, str], LinkStats] = {}
+    for each in stats:
+        key = (each.kind, each.direction if by_direction else "")
+        sums.setdefault(key, LinkStats(each.kind, "", key[1])).add(each)
+    return [sums[key] for key in sorted(sums)]
+
+
+def _entry(found: dict[tuple[str, str], LinkStats], link: str, direction: str) -> LinkStats:
+    kind, _, owner = link.partition(":")
+    return found.setdefault((link, direction), LinkStats(kind, owner, direction))
+
+
+def _count(found: dict[tuple[str, str], LinkStats], batch: Any) -> None:
+    """Add one batch of frames, grouped by link, direction and fate."""
+    if not batch.num_rows:
+        return
+    key = pc.binary_join_element_wise(batch.column("link"), batch.column("direction"), batch.column("fate"), "\n")
+    codes = key.dictionary_encode()
+    index = codes.indices.to_numpy(zero_copy_only=False)
+    sizes = batch.column("size").fill_null(0).to_numpy(zero_copy_only=False).astype(np.int64)
+    sent = batch.column("sent_ns").to_numpy(zero_copy_only=False)
+    arrived = batch.column("arrived_ns").fill_null(0).to_numpy(zero_copy_only=False)
+    latency = (arrived - sent).astype(np.float64)
+    order = np.argsort(index, kind="stable")
+    bounds = np.searchsorted(index[order], np.arange(len(codes.dictionary) + 1))
+    for number, name in enumerate(codes.dictionary.to_pylist()):
+        rows = order[bounds[number] : bounds[number + 1]]
+        link, direction, fate = name.split("\n")
+        _entry(found, link, direction).take(fate, sizes[rows], latency[rows])

@@ -1,0 +1,131 @@
+// What the page knows and shares: the run's data unpacked, the shared clock and focus, small mathematics.
+const RUN = JSON.parse(document.getElementById("run").textContent);
+const $ = (id) => document.getElementById(id);
+const sums = (steps, scale) => {
+  const out = new Float64Array(steps.length);
+  let total = 0;
+  for (let i = 0; i < steps.length; i++) out[i] = (total += steps[i]) * scale;
+  return out;
+};
+const unpack = (raw) => {
+  const column = (key) => sums(raw[key], 0.01);
+  return { size: raw.t.length, t: column("t"), e: column("e"), n: column("n"), u: column("u"), x: column("x") };
+};
+RUN.vehicles.forEach((v, i) => {
+  v.index = i;
+  v.truth = unpack(v.truth);
+  v.belief = unpack(v.belief);
+});
+RUN.buildings = RUN.buildings.h.map((h, i) => ({
+  h: h / 10,
+  rings: RUN.buildings.r[i].map((flat) => {
+    const ring = [];
+    let e = 0, n = 0;
+    for (let k = 0; k < flat.length; k += 2) ring.push([(e += flat[k]) / 10, (n += flat[k + 1]) / 10]);
+    return ring;
+  }),
+}));
+
+// Row of the last sample not after t, or -1.
+const rowAt = (track, t) => {
+  let low = -1, high = track.size;
+  while (high - low > 1) {
+    const mid = (low + high) >> 1;
+    if (track.t[mid] <= t) low = mid; else high = mid;
+  }
+  return low;
+};
+// [east, north, up, fourth] at t, held at both ends; null without samples.
+const at = (track, t) => {
+  if (!track.size) return null;
+  const i = Math.max(rowAt(track, t), 0), j = Math.min(i + 1, track.size - 1);
+  const f = Math.min(Math.max((t - track.t[i]) / (track.t[j] - track.t[i] || 1), 0), 1);
+  const mix = (column) => column[i] + (column[j] - column[i]) * f;
+  return [mix(track.e), mix(track.n), mix(track.u), mix(track.x)];
+};
+
+const stillness = matchMedia("(prefers-reduced-motion: reduce)");
+const scheme = matchMedia("(prefers-color-scheme: dark)");
+let theme = {};
+const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255);
+const readTheme = () => {
+  const style = getComputedStyle(document.documentElement);
+  theme = { dark: scheme.matches };
+  for (const name of ["paper", "card", "ink0", "dim", "rule", "soft", "accent", "sky0", "sky1", "ground", "gridline", "wall", "roof", "edge"]) {
+    let value = style.getPropertyValue("--" + name).trim();
+    if (value.length === 4) value = "#" + [...value.slice(1)].map((c) => c + c).join("");
+    theme[name] = value;
+  }
+};
+readTheme();
+const ink = (thing) => thing.ink[theme.dark ? 1 : 0];
+
+// The shared state; whoever draws registers with `onChange` and is called once a frame when something changed.
+const state = { t: RUN.end, playing: false, pace: 1, focus: -1, shown: RUN.operators.map(() => true) };
+const listeners = [];
+let pending = false;
+const onChange = (draw) => listeners.push(draw);
+const changed = () => {
+  if (pending) return;
+  pending = true;
+  requestAnimationFrame(() => {
+    pending = false;
+    for (const draw of listeners) draw();
+  });
+};
+scheme.addEventListener("change", () => { readTheme(); changed(); });
+const setTime = (t) => { state.t = Math.min(Math.max(t, RUN.start), RUN.end); changed(); };
+const setFocus = (index) => { if (state.focus !== index) { state.focus = index; changed(); } };
+const visible = (v) => state.shown[v.op];
+
+const seconds = (t) => t < 100 ? t.toFixed(1) + " s" : Math.floor(t / 60) + " min " + (t % 60).toFixed(0).padStart(2, "0") + " s";
+const niceStep = (span, about) => {
+  const rough = Math.max(span, 1e-9) / about, power = 10 ** Math.floor(Math.log10(rough));
+  return [1, 2, 5, 10].find((f) => f * power >= rough * 0.999) * power;
+};
+const tickText = (value, step) => {
+  const text = value.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
+  return (Number(text) === 0 ? "0" : text).replace("-", "−");
+};
+const make = (tag, props = {}, ...children) => {
+  const node = document.createElement(tag);
+  for (const [key, value] of Object.entries(props)) {
+    if (key.includes("-") || key === "role") node.setAttribute(key, value); else node[key] = value;
+  }
+  node.append(...children);
+  return node;
+};
+// Fit a canvas to its box and the display; returns its context scaled to CSS pixels, or null while it has no size.
+const fit = (canvas) => {
+  const w = canvas.clientWidth, h = canvas.clientHeight, ratio = Math.min(devicePixelRatio || 1, 2);
+  if (!w || !h) return null;
+  if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) {
+    canvas.width = Math.round(w * ratio);
+    canvas.height = Math.round(h * ratio);
+  }
+  const ctx = canvas.getContext("2d");
+  ctx.setTransform(ratio, 0, 0, ratio, 0, 0);
+  ctx.clearRect(0, 0, w, h);
+  return { ctx, w, h };
+};
+const FONT = "12px system-ui,-apple-system,'Segoe UI',Roboto,sans-serif";
+
+// A read-out that follows the pointer; lines are [swatch colour or "", label, value].
+const tip = $("tip");
+const showTip = (x, y, title, lines) => {
+  tip.replaceChildren(make("b", { textContent: title }));
+  for (const [colour, label, value] of lines) {
+    const name = make("span", { textContent: label });
+    if (colour) {
+      const swatch = make("span", { className: "swatch" });
+      swatch.style.setProperty("--ink", colour);
+      name.prepend(swatch);
+    }
+    tip.append(make("div", { className: "row" }, name, make("span", { textContent: value })));
+  }
+  tip.hidden = false;
+  const box = tip.getBoundingClientRect();
+  tip.style.left = Math.min(x + 14, innerWidth - box.width - 8) + "px";
+  tip.style.top = (y + 16 + box.height > innerHeight ? y - box.height - 12 : y + 16) + "px";
+};
+const hideTip = () => { tip.hidden = true; };

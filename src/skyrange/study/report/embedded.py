@@ -1,0 +1,132 @@
+"""What does the page's script draw from? Tracks, buildings and colours as compact JSON.
+
+Numbers are integers in small units (centimetres, centiseconds, centimetres per second), each the difference to the one
+before, which halves the file. The text is safe inside a `<script>` element: `<`, `>`, `&` and the two line
+separators of Unicode are escaped, so nothing in it can close the element.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.study.report.gathered import Gathered
+from skyrange.study.series import Track, gaps_m
+from skyrange.study.thin import kept_rows
+
+TRUTH_POINTS = 60_000
+"""Samples of all true tracks together."""
+BELIEF_POINTS = 40_000
+"""Samples of all believed tracks together."""
+MOST_PER_TRACK = 3_000
+CITY_VERTICES = 60_000
+"""Corners of all drawn buildings together; the nearest to the flights are kept."""
+TOLERANCE_M = 0.02
+"""A dropped sample lies no further than this from the drawn line, unless the budgets above force it to."""
+_SPEED_WEIGHT_S = 0.3
+"""How many metres of departure one m/s of speed counts for when tracks are thinned."""
+
+Floats = NDArray[np.float64]
+
+
+def embed(run: Gathered) -> tuple[str, dict[str, Any]]:
+    """The JSON text, and what had to be left out: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
+    fleet = run.fleet
+    places = {name: number for number, name in enumerate(run.operator_inks)}
+    notes = {"points": 0, "points_drawn": 0, "buildings": len(run.record.city), "buildings_drawn": 0}
+    aircraft = []
+    for vehicle in fleet:
+        truth, belief = run.truth[vehicle.id], run.belief[vehicle.id]
+        rows = _thinned(truth, truth.speed_mps, _budget(TRUTH_POINTS, len(fleet)))
+        seen_gaps = gaps_m(truth, belief)
+        seen = _thinned(belief, seen_gaps, _budget(BELIEF_POINTS, len(fleet)))
+        notes["points"] += len(truth) + len(belief)
+        notes["points_drawn"] += len(rows) + len(seen)
+        aircraft.append(
+            {
+                "id": vehicle.id,
+                "short": vehicle.short,
+                "op": places[vehicle.operator],
+                "ink": list(run.inks[vehicle.id]),
+                "home": [round(value, 2) for value in vehicle.home_enu_m] if vehicle.home_enu_m else None,
+                "truth": _packed(truth, truth.speed_mps, rows),
+                "belief": _packed(belief, seen_gaps, seen),
+                "wp": [[round(v, 1) for v in point] for point in run.waypoints.get(vehicle.id, np.zeros((0, 3))).tolist()],
+            }
+        )
+    buildings = _buildings(run.record.city, _centre(run.truth))
+    notes["buildings_drawn"] = len(buildings["h"])
+    data = {
+        "start": run.start_ns * 1e-9,
+        "end": run.end_ns * 1e-9,
+        "operators": [{"id": name, "ink": list(colour)} for name, colour in run.operator_inks.items()],
+        "vehicles": aircraft,
+        "buildings": buildings,
+    }
+    return safe_json(data), notes
+
+
+def safe_json(data: object) -> str:
+    """JSON that may stand inside a `<script>` element."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return text
+
+
+def _budget(total: int, count: int) -> int:
+    return max(40, min(MOST_PER_TRACK, total // max(count, 1)))
+
+
+def _thinned(track: Track, fourth: Floats, budget: int) -> NDArray[np.int64]:
+    values = np.column_stack([track.enu_m, fourth * _SPEED_WEIGHT_S])
+    return kept_rows(track.time_ns, values, budget, TOLERANCE_M)
+
+
+def _packed(track: Track, fourth: Floats, rows: NDArray[np.int64]) -> dict[str, list[int]]:
+    """`t` in centiseconds; `e`, `n`, `u` and `x` (speed or gap) in hundredths; all as differences."""
+    columns = (track.time_ns[rows] * 1e-9, *track.enu_m[rows].T, fourth[rows])
+    return {name: _differences(column * 100.0) for name, column in zip("tenux", columns, strict=True)}
+
+
+def _differences(values: Floats) -> list[int]:
+    whole = np.rint(values).astype(np.int64)
+    return [int(value) for value in np.diff(whole, prepend=0)]
+
+
+def _centre(tracks: Mapping[str, Track]) -> Floats:
+    points = [track.enu_m[:, :2] for track in tracks.values() if len(track)]
+    return np.mean([rows.mean(axis=0) for rows in points], axis=0) if points else np.zeros(2)
+
+
+def _buildings(city: Sequence[Mapping[str, Any]], centre: Floats) -> dict[str, list[Any]]:
+    """`h` heights and `r` rings of each building, in decimetres; a ring is [e, n, de, dn, de, dn, …]."""
+    solid = []
+    for building in city:
+        rings = [np.asarray(ring, dtype=np.float64)[:, :2] for ring in building.get("rings") or [] if len(ring) > 2]
+        if rings:
+            away = float(np.hypot(*(rings[0].mean(axis=0) - centre)))
+            solid.append((away, float(building.get("height_m") or 0.0), rings))
+    solid.sort(key=lambda row: row[0])
+    heights: list[int] = []
+    outlines: list[list[list[int]]] = []
+    corners = 0
+    for _, height, rings in solid:
+        corners += sum(len(ring) for ring in rings)
+        if corners > CITY_VERTICES:
+            break
+        heights.append(round(height * 10))
+        outlines.append([_ring(ring) for ring in rings])
+    return {"h": heights, "r": outlines}
+
+
+def _ring(ring: Floats) -> list[int]:
+    """One outline, without the repeated last corner."""
+    if len(ring) > 3 and np.allclose(ring[0], ring[-1]):
+        ring = ring[:-1]
+    whole = np.rint(ring * 10).astype(np.int64)
+    return [int(value) for value in np.diff(whole, axis=0, prepend=np.zeros((1, 2), dtype=np.int64)).ravel()]

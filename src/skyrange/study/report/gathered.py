@@ -1,0 +1,90 @@
+"""What does the page need to know? Everything read from the record once, before any of it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.study.flights import Flight, flights
+from skyrange.study.linkstats import LinkStats, link_stats
+from skyrange.study.palette import Ink, base_colours, ink
+from skyrange.study.series import (
+    Happening,
+    Record,
+    Track,
+    Vehicle,
+    belief_tracks,
+    end_ns,
+    happenings,
+    hostile_acts,
+    operators,
+    truth_tracks,
+)
+from skyrange.study.subject import Subject, subject_of
+from skyrange.study.waypoints import uploaded
+
+
+@dataclass(frozen=True, slots=True)
+class Gathered:
+    """One run, read. `operator_inks` by operator id, times in ns."""
+
+    record: Record
+    subject: Subject
+    operator_inks: Mapping[str, Ink]
+    truth: Mapping[str, Track]
+    belief: Mapping[str, Track]
+    waypoints: Mapping[str, NDArray[np.float64]]
+    events: Sequence[Happening]
+    decisions: Sequence[Happening]
+    attacks: Sequence[Happening]
+    links: Sequence[LinkStats]
+    flights: Sequence[Flight]
+    start_ns: int
+    end_ns: int
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """The run's manifest."""
+        return self.record.manifest
+
+    @property
+    def status(self) -> str:
+        """`complete`, `interrupted`, `failed` or `running` (also of a run that was killed)."""
+        return str(self.manifest.get("status") or "unknown")
+
+    @property
+    def fleet(self) -> Sequence[Vehicle]:
+        """The aircraft, in the manifest's order."""
+        return self.subject.fleet
+
+    @property
+    def inks(self) -> Mapping[str, Ink]:
+        """A shade of its operator's colour for every vehicle id."""
+        return self.subject.inks
+
+
+def gather(record: Record) -> Gathered:
+    """Read a run."""
+    subject = subject_of(record)
+    truth, belief = truth_tracks(record), belief_tracks(record)
+    events = happenings(record, "events")
+    tracks = {**truth, **{f"{name} believed": track for name, track in belief.items()}}
+    return Gathered(
+        record=record,
+        subject=subject,
+        operator_inks={name: ink(colour) for name, colour in base_colours(operators(record)).items()},
+        truth=truth,
+        belief=belief,
+        waypoints=uploaded(record),
+        events=events,
+        decisions=happenings(record, "decisions"),
+        attacks=hostile_acts(record),
+        links=link_stats(record),
+        flights=flights(record, subject.fleet, truth, belief, events),
+        start_ns=min((int(track.time_ns[0]) for track in truth.values() if len(track)), default=0),
+        end_ns=end_ns(record, tracks),
+    )

@@ -1,0 +1,87 @@
+"""How do the parts become one page? Template, styles, script and data in one file, sealed by a content security policy."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from html import escape
+from importlib.resources import files
+from string import Template
+
+from skyrange.study import figures
+from skyrange.study.report import sections, timeline
+from skyrange.study.report.embedded import embed
+from skyrange.study.report.gathered import Gathered, gather
+from skyrange.study.series import Record
+
+SCRIPTS = ("base.js", "city.js", "gl.js", "flat.js", "scene.js", "panels.js", "chart.js", "page.js")
+"""The page's script, in order; one function scope around all of them."""
+
+
+def render(record: Record) -> str:
+    """The whole page as text."""
+    run = gather(record)
+    data, notes = embed(run)
+    style = _asset("style.css") + _ink_rules(run)
+    script = '"use strict";(()=>{\n' + "\n".join(_asset(name) for name in SCRIPTS) + "\n})();"
+    return Template(_asset("page.html")).substitute(
+        policy=escape(_policy(style, script), quote=True),
+        title=escape(f"{run.manifest.get('name') or 'run'} · skyrange"),
+        style=style,
+        script=script,
+        data=data,
+        banner=sections.banner(run),
+        masthead=sections.masthead(run),
+        tiles=sections.tiles(run),
+        outcomes=sections.outcomes(run),
+        panels=_panels(run),
+        plan=figures.draw_plan(run.subject, run.truth, run.waypoints).svg,
+        altitude=figures.draw_altitude(run.subject, run.truth).svg,
+        gaps=sections.gaps(run),
+        links=sections.links(run),
+        lanes=timeline.lanes(run),
+        events=timeline.table([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
+        decisions=timeline.table(run.decisions, run, "decisions", "Decisions of ground stations"),
+        opening=sections.data(run, notes),
+        overview=figures.draw_overview(run.subject, run.truth).svg,
+    )
+
+
+def _panels(run: Gathered) -> str:
+    """One figure per operator: drawn by the script where there is one, else the still picture."""
+    cells = []
+    for place, operator in enumerate(run.operator_inks):
+        own = [vehicle for vehicle in run.fleet if vehicle.operator == operator]
+        heard = sum(len(run.belief[vehicle.id]) for vehicle in own)
+        still = figures.draw_boxes(run.subject, run.belief, [operator], "belief", titled=False)
+        cells.append(
+            f'<figure class="card panel" data-op="{place}"><figcaption><span class="swatch op-{place}"></span>'
+            f"<b>{escape(operator)}</b> <span class=dim>{len(own)} aircraft · {heard} positions received</span></figcaption>"
+            f'<div class="still">{still.svg}</div></figure>'
+        )
+    return "".join(cells)
+
+
+def _ink_rules(run: Gathered) -> str:
+    """The colours of operators and aircraft as custom properties, for a light and for a dark page."""
+    names = [(f".op-{place}", colour) for place, colour in enumerate(run.operator_inks.values())]
+    names += [(f".ink-{index}", run.inks[vehicle.id]) for index, vehicle in enumerate(run.fleet)]
+    light = "".join(f"{name}{{--ink:{colour.light}}}" for name, colour in names)
+    dark = "".join(f"{name}{{--ink:{colour.dark}}}" for name, colour in names)
+    return f"{light}@media screen and (prefers-color-scheme:dark){{{dark}}}"
+
+
+def _policy(style: str, script: str) -> str:
+    """Nothing may be fetched; only this very style and script count."""
+    return (
+        f"default-src 'none'; style-src '{_hash(style)}'; script-src '{_hash(script)}'; "
+        "base-uri 'none'; form-action 'none'"
+    )
+
+
+def _hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _asset(name: str) -> str:
+    return files("skyrange.study.report").joinpath("assets", name).read_text(encoding="utf-8")

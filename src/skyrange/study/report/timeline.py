@@ -1,0 +1,161 @@
+"""What happened when, and to whom? Swim lanes of events per aircraft, and the tables behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+from skyrange.core.ids import operator_of
+from skyrange.study.report import words
+from skyrange.study.report.gathered import Gathered
+from skyrange.study.series import Happening
+from skyrange.study.svg import label, ticks
+
+MOST_MARKS = 400
+"""Marks drawn in one lane; later ones are in the table."""
+MOST_ROWS = 1_500
+"""Rows of one table on the page."""
+
+_GLYPHS = {
+    "event.armed": ("armed", "armed"),
+    "event.disarmed": ("disarmed", "disarmed"),
+    "event.takeoff": ("takeoff", "take-off"),
+    "event.landed": ("landed", "landed"),
+    "event.item_reached": ("item", "item reached"),
+    "event.contact": ("contact", "contact"),
+    "event.outcome": ("outcome", "mission outcome"),
+}
+_SHAPES = {
+    "armed": '<circle r="4.5" class="hollow"/>',
+    "disarmed": '<circle r="4.5" class="hollow"/><path d="M-3 3L3 -3" class="stroke"/>',
+    "takeoff": '<path d="M0 -6L6 5H-6z"/>',
+    "landed": '<path d="M0 6L6 -5H-6z"/>',
+    "item": '<path d="M0 -5L5 0L0 5L-5 0z"/>',
+    "contact": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
+    "outcome": '<path d="M-5 0L-1.5 4L5.5 -5" class="stroke good"/>',
+    "failed": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
+    "attack": '<path d="M0 -11V11" class="stroke alarm"/>',
+    "other": '<circle r="2.6"/>',
+}
+
+
+def lanes(run: Gathered) -> str:
+    """One lane per aircraft: its modes as bands, its events as marks, hostile acts on it as red strokes."""
+    if not run.fleet or not (run.events or run.attacks):
+        return '<p class="nothing">No event is on record.</p>'
+    by_owner: dict[str, list[Happening]] = {}
+    for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
+        by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
+    modes: dict[str, int] = {}
+    rows = [_axis(run)]
+    operator: str | None = None
+    for index, vehicle in enumerate(run.fleet):
+        if vehicle.operator != operator:
+            operator = vehicle.operator
+            place = list(run.operator_inks).index(operator)
+            rows.append(f'<div class="lane-group"><span class="swatch op-{place}"></span>{escape(operator)}</div>')
+        own = by_owner.get(vehicle.id, [])
+        rows.append(
+            f'<div class="lane" data-v="{index}"><div class="lane-name">{escape(vehicle.short)}</div>'
+            f'<svg class="lane-marks ink-{index}" height="26" role="img" aria-label="{_spoken(vehicle.id, own)}">'
+            f"{_bands(run, own, modes)}{_marks(run, own)}</svg></div>"
+        )
+    return f'{_legend(run, modes)}<div class="lanes" id="lanes">{"".join(rows)}<div class="now" hidden></div></div>'
+
+
+def table(rows: Sequence[Happening], run: Gathered, name: str, title: str) -> str:
+    """A table that the page's script filters by text and kind; a row jumps to its time."""
+    if not rows:
+        return f'<p class="nothing">No {escape(name)} on record.</p>'
+    shown = sorted(rows, key=lambda row: row.time_ns)[:MOST_ROWS]
+    places = {vehicle.id: index for index, vehicle in enumerate(run.fleet)}
+    kinds = sorted({row.kind for row in shown})
+    options = "".join(f"<option>{escape(kind)}</option>" for kind in kinds)
+    body = "".join(_row(row, places) for row in shown)
+    cut = f"<p class=note>The first {words.count(len(shown))} of {words.count(len(rows))}; the record holds all.</p>"
+    return (
+        f'<div class="filter" data-table="{name}"><input type="search" placeholder="Filter {name}…" aria-label="Filter {name}">'
+        f'<select aria-label="Kind of {name}"><option value="">every kind</option>{options}</select>'
+        f'<output class="dim" aria-live="polite">{words.count(len(shown))} rows</output></div>'
+        f'<div class="scroll tall"><table class="grid log" id="{name}"><caption class="vh">{escape(title)}</caption><thead><tr>'
+        "<th scope=col class=num>time, s</th><th scope=col>about</th><th scope=col>kind</th><th scope=col>details</th>"
+        f"<th scope=col>noted by</th></tr></thead><tbody>{body}</tbody></table></div>{cut if len(rows) > len(shown) else ''}"
+    )
+
+
+def _row(row: Happening, places: dict[str, int]) -> str:
+    place = places.get(row.about.split(".", 1)[0])
+    swatch = f'<span class="swatch ink-{place}"></span>' if place is not None else ""
+    marked = f' data-v="{place}"' if place is not None else ""
+    shown = row.kind.split(".", 1)[-1].replace("_", " ")
+    why = f'<span class="why" title="{escape(", ".join(row.causes), quote=True)}">{len(row.causes)} causes</span>' if row.causes else ""
+    return (
+        f'<tr data-t="{row.time_ns * 1e-9:.3f}" data-k="{escape(row.kind, quote=True)}"{marked}>'
+        f'<td class=num><button type="button">{row.time_ns * 1e-9:.2f}</button></td><td>{swatch}{escape(row.about)}</td>'
+        f'<td><span class="kind {escape(row.kind.split(".", 1)[0], quote=True)}">{escape(shown)}</span></td>'
+        f"<td>{words.details(row.data)}{why}</td><td class=dim>{escape(row.source)}</td></tr>"
+    )
+
+
+def _part(run: Gathered, time_ns: int) -> str:
+    """Where a moment lies between the run's start and end, in percent."""
+    return f"{100 * min(max((time_ns - run.start_ns) / (run.end_ns - run.start_ns), 0.0), 1.0):.2f}"
+
+
+def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> str:
+    changes = [row for row in own if row.kind == "event.mode"]
+    parts = []
+    for row, after in zip(changes, [*changes[1:], None], strict=True):
+        mode = str(row.data.get("mode", "?"))
+        place = modes.setdefault(mode, len(modes)) % 8
+        until = after.time_ns if after else run.end_ns
+        share = (until - row.time_ns) / (run.end_ns - run.start_ns)
+        parts.append(
+            f'<rect class="mode mode-{place}" x="{_part(run, row.time_ns)}%" y="3" width="{100 * max(share, 0):.2f}%" height="20" '
+            f'rx="3"><title>{escape(mode)} from {row.time_ns * 1e-9:.2f} s to {until * 1e-9:.2f} s</title></rect>'
+        )
+    return "".join(parts)
+
+
+def _marks(run: Gathered, own: Sequence[Happening]) -> str:
+    parts = []
+    for row in [row for row in own if row.kind != "event.mode"][:MOST_MARKS]:
+        glyph = "attack" if row.kind.startswith("attack.") else _GLYPHS.get(row.kind, ("other", ""))[0]
+        if glyph == "outcome" and row.data.get("state") == "failed":
+            glyph = "failed"
+        said = " ".join(f"{key} {value}" for key, value in row.data.items())
+        parts.append(
+            f'<svg x="{_part(run, row.time_ns)}%" y="13" overflow="visible" class="mark"><g>{_SHAPES[glyph]}'
+            f"<title>{escape(row.kind)} at {row.time_ns * 1e-9:.2f} s {escape(said)}</title></g></svg>"
+        )
+    return "".join(parts)
+
+
+def _axis(run: Gathered) -> str:
+    values, step = ticks(run.start_ns * 1e-9, run.end_ns * 1e-9, 10)
+    marks = "".join(
+        f'<text x="{_part(run, round(value * 1e9))}%" y="14" font-size="11" text-anchor="middle">{label(value, step)}</text>'
+        for value in values
+        if 0.01 < (value * 1e9 - run.start_ns) / (run.end_ns - run.start_ns) < 0.99
+    )
+    return f'<div class="lane axis"><div class="lane-name">time, s</div><svg class="lane-marks" height="20" aria-hidden="true">{marks}</svg></div>'
+
+
+def _legend(run: Gathered, modes: dict[str, int]) -> str:
+    seen = {row.kind for row in run.events}
+    items = [f'<span><i class="mode-{place % 8}"></i>{escape(mode)}</span>' for mode, place in modes.items()]
+    for kind, (glyph, said) in _GLYPHS.items():
+        if kind in seen:
+            items.append(f'<span><svg width="14" height="14" viewBox="-7 -7 14 14" class="mark" aria-hidden="true">{_SHAPES[glyph]}</svg>{said}</span>')
+    if run.attacks:
+        items.append(f'<span><svg width="14" height="14" viewBox="-7 -7 14 14" class="mark" aria-hidden="true">{_SHAPES["attack"]}</svg>hostile act</span>')
+    return f'<div class="legend">{"".join(items)}</div>'
+
+
+def _spoken(vehicle: str, own: Sequence[Happening]) -> str:
+    """The lane in words, for a screen reader."""
+    said = ", ".join(
+        f"{row.data.get('mode') if row.kind == 'event.mode' else row.kind.split('.', 1)[-1].replace('_', ' ')} at {row.time_ns * 1e-9:.1f} s"
+        for row in own[:20]
+    )
+    return escape(f"{vehicle} of {operator_of(vehicle)}: {said or 'no events'}", quote=True)

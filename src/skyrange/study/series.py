@@ -1,0 +1,274 @@
+"""Where was each aircraft, and where did its operator believe it was? A run's tables as arrays to draw.
+
+Everything that the figures and the report know about a run comes through here. Truth is the world's;
+belief is what an operator's own ground station received about its own aircraft, at the time it received
+it; nothing here mixes the two.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_S
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+POSITION_MESSAGE = "GLOBAL_POSITION_INT"
+"""The MAVLink message (common dialect, id 33) that a ground station's belief of a position is read from."""
+
+
+class Record(Protocol):
+    """What a run's record must offer to be drawn; `skyrange.record.RunRecord` does."""
+
+    @property
+    def path(self) -> Path:
+        """The run's folder."""
+        ...
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """The run's `manifest.json`."""
+        ...
+
+    @property
+    def city(self) -> Sequence[Mapping[str, Any]]:
+        """Buildings: `height_m` and `rings` of (east, north) metres, the first ring the outline, the others holes."""
+        ...
+
+    def table(self, name: str, columns: Sequence[str] | None = None) -> Any:
+        """A `pyarrow.Table`, all columns or those named; one without rows where the run recorded none."""
+        ...
+
+    def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[Any]:
+        """The same rows as `pyarrow.RecordBatch`es, for tables larger than memory."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """One aircraft as the manifest declares it; `home_enu_m` is `None` where that is not recorded."""
+
+    id: str
+    operator: str
+    autopilot: str
+    airframe: str
+    plan: str
+    home_enu_m: tuple[float, float, float] | None
+
+    @property
+    def short(self) -> str:
+        """The id without its operator: `b1` of `blue/b1`."""
+        return self.id.split("/", 1)[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A path through space and time, one row per sample, times ascending.
+
+    `time_ns` (n,) simulated time, `enu_m` (n, 3) position from the origin, `speed_mps` (n,) length of the
+    velocity vector.
+    """
+
+    time_ns: Ints
+    enu_m: Floats
+    speed_mps: Floats
+
+    def __len__(self) -> int:
+        return int(self.time_ns.shape[0])
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the path through its samples."""
+        return float(np.sqrt((np.diff(self.enu_m, axis=0) ** 2).sum(axis=1)).sum()) if len(self) > 1 else 0.0
+
+    def at(self, time_ns: Ints) -> Floats:
+        """(m, 3) positions at `time_ns` (m,), linear between samples, held before the first and after the last."""
+        return np.stack([np.interp(time_ns, self.time_ns, self.enu_m[:, axis]) for axis in range(3)], axis=1)
+
+
+EMPTY_TRACK = Track(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
+
+
+def operators(record: Record) -> dict[str, str]:
+    """Operator ids in the manifest's order, each with the colour it asks for ("" for none)."""
+    found = {str(row["id"]): str(row.get("color") or "") for row in record.manifest.get("operators") or []}
+    for vehicle in vehicles(record):
+        found.setdefault(vehicle.operator, "")
+    return found
+
+
+def vehicles(record: Record) -> list[Vehicle]:
+    """The aircraft, in the manifest's order; their ids are range-wide (`operator/vehicle`)."""
+    rows = []
+    for row in record.manifest.get("vehicles") or []:
+        operator = str(row.get("operator") or str(row["id"]).split("/", 1)[0])
+        home = row.get("home_enu_m")
+        rows.append(
+            Vehicle(
+                id=str(row["id"]) if "/" in str(row["id"]) else f"{operator}/{row['id']}",
+                operator=operator,
+                autopilot=_text(row.get("autopilot")),
+                airframe=_text(row.get("airframe")),
+                plan=_text(row.get("plan")),
+                home_enu_m=(float(home[0]), float(home[1]), float(home[2]) if len(home) > 2 else 0.0) if home else None,
+            )
+        )
+    return rows
+
+
+def truth_tracks(record: Record) -> dict[str, Track]:
+    """Where each aircraft was, by vehicle id; an empty track for one without truth rows."""
+    names = ("east_m", "north_m", "up_m", "vel_east_mps", "vel_north_mps", "vel_up_mps")
+    parts: dict[str, list[tuple[Ints, Floats]]] = {}
+    for batch in record.batches("truth", ["time_ns", "vehicle", *names]):
+        _deal(parts, batch, batch.column("vehicle"), names)
+    return _tracks(record, parts, lambda rows: (rows[:, :3], rows[:, 3:]))
+
+
+def belief_tracks(record: Record) -> dict[str, Track]:
+    """Where each aircraft's own ground station believed it to be, by vehicle id.
+
+    Read from the GLOBAL_POSITION_INT messages that reached it: `lat`, `lon` in 1e-7 degrees, `alt` in
+    millimetres above mean sea level, `vx`, `vy`, `vz` in cm/s; each sample stands at the time of reception.
+    """
+    names = ("lat", "lon", "alt", "vx", "vy", "vz")
+    parts: dict[str, list[tuple[Ints, Floats]]] = {}
+    try:
+        for batch in record.batches("telemetry", ["time_ns", "operator", "vehicle", "message", *names]):
+            heard = batch.filter(pc.equal(batch.column("message"), POSITION_MESSAGE))
+            own = pc.equal(heard.column("operator"), pc.replace_substring_regex(heard.column("vehicle"), "/.*", ""))
+            heard = heard.filter(own)  # an operator's picture holds its own aircraft only
+            _deal(parts, heard, heard.column("vehicle"), names)
+    except KeyError:  # telemetry has a column for each field that was received, and these never were
+        parts = {}
+    declared = record.manifest.get("origin") or {}
+    origin = Origin(float(declared.get("lat_deg", 0.0)), float(declared.get("lon_deg", 0.0)))
+    ground_m = float(declared.get("alt_msl_m") or 0.0)
+
+    def local(rows: Floats) -> tuple[Floats, Floats]:
+        east, north = origin.to_enu(rows[:, 0] * 1e-7, rows[:, 1] * 1e-7)
+        return np.stack([east, north, rows[:, 2] * 1e-3 - ground_m], axis=1), rows[:, 3:] * 0.01
+
+    return _tracks(record, parts, local)
+
+
+def gaps_m(truth: Track, belief: Track) -> Floats:
+    """(n,) metres between belief and truth at each moment of reception, latency therefore included.
+
+    Zeros where either is empty.
+    """
+    if not len(truth) or not len(belief):
+        return np.zeros(len(belief))
+    distance: Floats = np.sqrt(((truth.at(belief.time_ns) - belief.enu_m) ** 2).sum(axis=1))
+    return distance
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """One row of the events, decisions or labels: when, what, about whom, said by whom, and its details."""
+
+    time_ns: int
+    kind: str
+    about: str
+    source: str
+    data: Mapping[str, Any]
+    causes: tuple[str, ...] = ()
+
+
+def happenings(record: Record, name: str) -> list[Happening]:
+    """The rows of `events` or `decisions`, in time order; details that are no JSON object stand under `text`."""
+    rows = record.table(name).sort_by("time_ns").to_pylist()
+    return [
+        Happening(
+            int(row["time_ns"]),
+            _text(row.get("kind")),
+            _text(row.get("about")),
+            _text(row.get("source")),
+            _details(row.get("data")),
+            tuple(row.get("causes") or ()),
+        )
+        for row in rows
+    ]
+
+
+def hostile_acts(record: Record) -> list[Happening]:
+    """The labels as happenings of kind `attack.<action>` about the owner of the link that was acted on."""
+    acts = []
+    for row in record.table("labels").sort_by("at_ns").to_pylist():
+        frame = _text(row.get("frame"))
+        owner = frame.split(":")[1] if frame.count(":") >= 2 else ""
+        acts.append(
+            Happening(
+                int(row["at_ns"]),
+                f"attack.{_text(row.get('action'))}",
+                owner,
+                _text(row.get("actor")),
+                {"attack": _text(row.get("attack")), "frame": frame},
+            )
+        )
+    return acts
+
+
+def end_ns(record: Record, tracks: Mapping[str, Track]) -> int:
+    """The last simulated moment that the record knows of, at least 1 s after the start."""
+    last = max((int(track.time_ns[-1]) for track in tracks.values() if len(track)), default=0)
+    declared = record.manifest.get("simulated_s")
+    return max(last, int(float(declared) * NS_PER_S) if declared else 0, NS_PER_S)
+
+
+def _text(value: object) -> str:
+    """A scalar as it is, anything structured as JSON, nothing as ""."""
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else json.dumps(value, default=str)
+
+
+def _details(text: object) -> Mapping[str, Any]:
+    try:
+        value = json.loads(text) if isinstance(text, str) and text else {}
+    except ValueError:
+        return {"text": text}
+    return value if isinstance(value, dict) else {"text": value}
+
+
+def _deal(parts: dict[str, list[tuple[Ints, Floats]]], batch: Any, keys: Any, names: Sequence[str]) -> None:
+    """Append the times and values of a batch to the parts of the vehicles that its rows are about."""
+    codes = keys.dictionary_encode()
+    index = codes.indices.to_numpy(zero_copy_only=False)
+    time_ns = batch.column("time_ns").to_numpy(zero_copy_only=False)
+    columns = [batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False) for name in names]
+    values = np.stack(columns, axis=1)
+    order = np.argsort(index, kind="stable")
+    bounds = np.searchsorted(index[order], np.arange(len(codes.dictionary) + 1))
+    for number, name in enumerate(codes.dictionary.to_pylist()):
+        rows = order[bounds[number] : bounds[number + 1]]
+        parts.setdefault(str(name), []).append((time_ns[rows], values[rows]))
+
+
+def _tracks(
+    record: Record,
+    parts: Mapping[str, list[tuple[Ints, Floats]]],
+    local: Callable[[Floats], tuple[Floats, Floats]],
+) -> dict[str, Track]:
+    """A track per declared aircraft; `local` makes ENU positions and velocities of the collected values."""
+    found = {vehicle.id: EMPTY_TRACK for vehicle in vehicles(record)}
+    for name in found:
+        if name in parts:
+            time_ns = np.concatenate([times for times, _ in parts[name]])
+            position, velocity = local(np.concatenate([values for _, values in parts[name]]))
+            keep = np.isfinite(position).all(axis=1)
+            order = np.argsort(time_ns[keep], kind="stable")
+            speed = np.nan_to_num(np.sqrt((velocity[keep][order] ** 2).sum(axis=1)))
+            found[name] = Track(time_ns[keep][order], position[keep][order], speed)
+    return found

@@ -1,0 +1,62 @@
+"""How does one fly a scenario and get a record with its report? The library's front door."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from skyrange.core.errors import ShortfallError
+from skyrange.record import RunRecord, load
+from skyrange.runtime.run import OnProgress, Run, free_folder
+from skyrange.scenario.catalogue import load as load_scenario
+from skyrange.scenario.schema import Scenario
+
+
+def fly(
+    scenario: Scenario, out: Path, *, speed: float = 0.0, on_progress: OnProgress | None = None, report: bool = True
+) -> RunRecord:
+    """Run `scenario` into the folder `out` and write its report.
+
+    Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
+    """
+    run = Run.start(scenario, out)
+    try:
+        run.execute(speed=speed, on_progress=on_progress)
+    except ShortfallError:
+        if report:
+            _report(out)
+        raise
+    return _report(out) if report else load(out)
+
+
+def _report(folder: Path) -> RunRecord:
+    from skyrange.study.report import write_report
+
+    record = load(folder)
+    write_report(record, folder / "report.html")
+    return record
+
+
+def run(
+    scenario: Scenario | str | Path,
+    out: str | Path | None = None,
+    *,
+    seed: int | None = None,
+    speed: float = 0.0,
+    buildings: str | Path | None = None,
+    changes: Sequence[str] = (),
+    on_progress: OnProgress | None = None,
+) -> RunRecord:
+    """Fly a scenario and return its record; the Python spelling of `skyrange run`.
+
+    `scenario` is a `Scenario`, a shipped scenario's name, or a TOML file. `out` defaults to the first
+    free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
+    `--set` takes them) apply to names and files; a `Scenario` is flown as it is.
+    """
+    if isinstance(scenario, Scenario):
+        if seed is not None or buildings is not None or changes:
+            raise TypeError("seed, buildings and changes apply to a scenario's name or file; a Scenario holds its own")
+    else:
+        scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
+    folder = Path(out) if out is not None else free_folder(scenario.name)
+    return fly(scenario, folder, speed=speed, on_progress=on_progress)

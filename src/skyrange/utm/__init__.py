@@ -1,0 +1,1 @@
+"""Who may fly where and when? The approval contract, its messages, and the services that answer."""

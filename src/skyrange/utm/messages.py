@@ -1,0 +1,248 @@
+"""What do operators and the flight approval say to each other? One JSON object per frame, HTTP-like.
+
+A request is `{"method", "path", "body"}`, a response `{"status", "path", "body"}`. Bodies use the JSON
+names of ASTM F3548-21 annex A4 (its OpenAPI interface): `outline_polygon.vertices[].lat/lng`,
+`altitude_lower/upper` in metres above the WGS 84 ellipsoid, `time_start/end` in RFC 3339; so a service
+that speaks F3548 needs no other message. Unknown keys are ignored, as HTTP peers do.
+"""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime, timedelta
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import NS_PER_US, Epoch, Time
+from skyrange.core.volumes import Volume4D
+from skyrange.utm.contract import Decision, Intent
+
+MAX_FRAME_BYTES = 1_048_576
+"""Longest frame that is looked at. A leg takes about 1.2 kB, so this holds the longest mission (700 items)."""
+MAX_VOLUMES = 2_048
+MAX_VERTICES = 1_024
+PATH = "/v1/operational_intents/"
+"""Followed by the intent's id."""
+
+_UNIX = datetime(1970, 1, 1, tzinfo=UTC)
+_UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}$"
+_M = TypeVar("_M", bound=BaseModel)
+_Text = Annotated[str, Field(max_length=256)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+
+class Vertex(_Model):
+    """One corner, WGS 84 degrees."""
+
+    lat: Annotated[float, Field(ge=-90.0, le=90.0)]
+    lng: Annotated[float, Field(ge=-180.0, le=180.0)]
+
+
+class OutlinePolygon(_Model):
+    """A ring without the repeated last vertex."""
+
+    vertices: Annotated[tuple[Vertex, ...], Field(min_length=3, max_length=MAX_VERTICES)]
+
+
+class Altitude(_Model):
+    """Metres above the WGS 84 ellipsoid; F3548 allows no other reference or unit."""
+
+    value: Annotated[float, Field(ge=-8_000.0, le=100_000.0)]
+    reference: Literal["W84"] = "W84"
+    units: Literal["M"] = "M"
+
+
+class Instant(_Model):
+    """A moment in UTC, to the microsecond."""
+
+    value: Annotated[str, Field(max_length=40)]
+    format: Literal["RFC3339"] = "RFC3339"
+
+    @field_validator("value")
+    @classmethod
+    def _is_rfc3339(cls, value: str) -> str:
+        if datetime.fromisoformat(value).utcoffset() is None:
+            raise ValueError("an RFC 3339 time carries its offset or Z")
+        return value
+
+    @classmethod
+    def at(cls, time: Time, epoch: Epoch, *, up: bool = False) -> Instant:
+        """The microsecond at or before `time`, or at or after it with `up`."""
+        microseconds = epoch.utc_us(time + (NS_PER_US - 1 if up else 0))
+        moment = _UNIX + timedelta(microseconds=microseconds)
+        return cls(value=moment.isoformat(timespec="microseconds").replace("+00:00", "Z"))
+
+    def time(self, epoch: Epoch) -> Time:
+        """The simulated time of this moment."""
+        since = datetime.fromisoformat(self.value) - _UNIX
+        return (since // timedelta(microseconds=1)) * NS_PER_US - epoch.unix_ns
+
+
+class Volume3D(_Model):
+    """A prism."""
+
+    outline_polygon: OutlinePolygon
+    altitude_lower: Altitude
+    altitude_upper: Altitude
+
+
+class Volume4DMessage(_Model):
+    """F3548 Volume4D: a prism and its time window."""
+
+    volume: Volume3D
+    time_start: Instant
+    time_end: Instant
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Volume4DMessage:
+        if not self.volume.altitude_lower.value < self.volume.altitude_upper.value:
+            raise ValueError("altitude_lower must lie below altitude_upper")
+        if not datetime.fromisoformat(self.time_start.value) < datetime.fromisoformat(self.time_end.value):
+            raise ValueError("time_start must lie before time_end")
+        return self
+
+    @classmethod
+    def of(cls, volume: Volume4D, epoch: Epoch) -> Volume4DMessage:
+        """The message that claims `volume`, its times widened to whole microseconds."""
+        return cls(
+            volume=Volume3D(
+                outline_polygon=OutlinePolygon(vertices=tuple(Vertex(lat=lat, lng=lng) for lat, lng in volume.outline)),
+                altitude_lower=Altitude(value=volume.lower_m),
+                altitude_upper=Altitude(value=volume.upper_m),
+            ),
+            time_start=Instant.at(volume.start_ns, epoch),
+            time_end=Instant.at(volume.end_ns, epoch, up=True),
+        )
+
+    def volume4d(self, epoch: Epoch) -> Volume4D:
+        """The claimed volume on the scenario's clock."""
+        return Volume4D(
+            outline=tuple((vertex.lat, vertex.lng) for vertex in self.volume.outline_polygon.vertices),
+            lower_m=self.volume.altitude_lower.value,
+            upper_m=self.volume.altitude_upper.value,
+            start_ns=self.time_start.time(epoch),
+            end_ns=self.time_end.time(epoch),
+        )
+
+
+_Volumes = Annotated[tuple[Volume4DMessage, ...], Field(max_length=MAX_VOLUMES)]
+
+
+class IntentBody(_Model):
+    """An operational intent that its operator wants accepted."""
+
+    id: Annotated[str, Field(pattern=_UUID)]
+    operator: _Text
+    vehicle: _Text
+    state: Literal["Accepted", "Activated", "Nonconforming", "Contingent"] = "Accepted"
+    priority: Annotated[int, Field(ge=0, le=1_000)] = 0
+    volumes: Annotated[tuple[Volume4DMessage, ...], Field(min_length=1, max_length=MAX_VOLUMES)]
+
+
+class Request(_Model):
+    """Operator → approval."""
+
+    method: Literal["PUT"] = "PUT"
+    path: _Text
+    body: IntentBody
+
+    @model_validator(mode="after")
+    def _names_its_intent(self) -> Request:
+        if self.path != PATH + self.body.id:
+            raise ValueError(f"path must be {PATH}<id of the body>")
+        return self
+
+    @classmethod
+    def of(cls, intent: Intent, epoch: Epoch) -> Request:
+        """The message that asks for `intent`."""
+        return cls(
+            path=PATH + intent.id,
+            body=IntentBody(
+                id=intent.id,
+                operator=intent.operator,
+                vehicle=intent.vehicle,
+                priority=intent.priority,
+                volumes=tuple(Volume4DMessage.of(volume, epoch) for volume in intent.volumes),
+            ),
+        )
+
+    def intent(self, epoch: Epoch) -> Intent:
+        """What is asked for, on the scenario's clock."""
+        body = self.body
+        volumes = tuple(volume.volume4d(epoch) for volume in body.volumes)
+        return Intent(body.id, body.operator, body.vehicle, volumes, body.priority)
+
+
+class DecisionBody(_Model):
+    """The approval's answer to one intent."""
+
+    id: Annotated[str, Field(pattern=_UUID)]
+    decision: Literal["Accepted", "Rejected"]
+    reason: _Text = ""
+    alternatives: _Volumes = ()
+    ovn: Annotated[str, Field(max_length=128)] = ""
+
+
+class ErrorBody(_Model):
+    """Why a request was not understood (F3548 ErrorResponse)."""
+
+    message: Annotated[str, Field(max_length=1_024)]
+
+
+class Response(_Model):
+    """Approval → operator. Status 200 decides (either way), 4xx did not get that far."""
+
+    status: Annotated[int, Field(ge=100, le=599)]
+    path: _Text
+    body: DecisionBody | ErrorBody
+
+    @classmethod
+    def of(cls, intent_id: str, decision: Decision, epoch: Epoch) -> Response:
+        """The message that tells `decision`."""
+        return cls(
+            status=200,
+            path=PATH + intent_id,
+            body=DecisionBody(
+                id=intent_id,
+                decision="Accepted" if decision.accepted else "Rejected",
+                reason=decision.reason[:256],
+                alternatives=tuple(Volume4DMessage.of(volume, epoch) for volume in decision.alternatives),
+                ovn=decision.ovn,
+            ),
+        )
+
+    @classmethod
+    def error(cls, status: int, path: str, message: str) -> Response:
+        """The message that tells what is wrong with a request."""
+        return cls(status=status, path=path[:256], body=ErrorBody(message=message[:1_024]))
+
+
+def encode(message: Request | Response) -> bytes:
+    """The frame of a message: ASCII JSON, keys sorted, no spaces; equal messages give equal bytes."""
+    return json.dumps(message.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def decode_request(payload: bytes) -> Request:
+    """The request in `payload`; any other bytes raise `DecodeError`."""
+    return _decode(Request, payload)
+
+
+def decode_response(payload: bytes) -> Response:
+    """The response in `payload`; any other bytes raise `DecodeError`."""
+    return _decode(Response, payload)
+
+
+def _decode(model: type[_M], payload: bytes) -> _M:
+    if len(payload) > MAX_FRAME_BYTES:
+        raise DecodeError(f"{len(payload)} bytes, an approval message has at most {MAX_FRAME_BYTES}")
+    try:
+        return model.model_validate_json(payload)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"]) or "message"
+        raise DecodeError(f"{where}: {first['msg']}") from error

@@ -1,0 +1,263 @@
+"""The builtin autopilot as an engine: one for a whole fleet, of any operators.
+
+`begin` takes the tick's sensors and, every 10 ms, the mail; `finish` hands back motor commands and what was said.
+Everything an aircraft does depends on its own row, its own craft and its own mail: a fleet in one engine and the same
+fleet in four say the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from skyrange.agent.contracts import Finished, Sensors
+from skyrange.agent.messages import Arrival, Inbox, Outbox
+from skyrange.codec.mavlink import Packer, decode, dialect
+from skyrange.core.chance import Chance
+from skyrange.core.errors import DecodeError, Fault, InputError, nearest
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import Port, endpoint, hash64, link_name
+from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
+from skyrange.vehicle.builtin import commands, loop, mission_protocol, navigator, parameter_protocol, returning, targets
+from skyrange.vehicle.builtin.arming import disarm, idle_end
+from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Flag, zeros
+from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.parameters import SETTINGS, fill
+from skyrange.vehicle.builtin.telemetry import SERVICE_NS, STREAMS, Schedule, boot_rates
+from skyrange.world.airframes import AIRFRAMES, MOTORS
+
+QUANTUM_S = 0.0025
+"""Time between ticks that the loops are written for: ArduCopter's 400 Hz."""
+PHASE_STREAM = "vehicle.boot_phase"
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSpec:
+    """One aircraft: `home_enu_m` where it stands at the start, `heading_deg` clockwise from north.
+
+    `params` are ArduCopter parameters in their own units that replace defaults.
+    """
+
+    id: str
+    system_id: int
+    airframe: str = "iris"
+    home_enu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading_deg: float = 0.0
+    params: Mapping[str, float] = field(default_factory=dict)
+
+
+Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
+_ID = dialect
+_HANDLERS: dict[int, Handler] = {
+    _ID.MAVLINK_MSG_ID_MISSION_COUNT: mission_protocol.on_count,
+    _ID.MAVLINK_MSG_ID_MISSION_ITEM_INT: mission_protocol.on_item,
+    _ID.MAVLINK_MSG_ID_MISSION_ITEM: mission_protocol.on_item,
+    _ID.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: mission_protocol.on_request_list,
+    _ID.MAVLINK_MSG_ID_MISSION_REQUEST_INT: mission_protocol.on_request,
+    _ID.MAVLINK_MSG_ID_MISSION_REQUEST: mission_protocol.on_request,
+    _ID.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: mission_protocol.on_clear_all,
+    _ID.MAVLINK_MSG_ID_MISSION_SET_CURRENT: mission_protocol.on_set_current,
+    _ID.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: mission_protocol.on_write_partial,
+    _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: targets.on_local,
+    _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: targets.on_global,
+    _ID.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: parameter_protocol.on_list,
+    _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_read,
+    _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
+}
+_COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
+_FLAGS = tuple(Flag)
+
+
+class BuiltinFleet:
+    """The engine (contract: `agent.contracts.Engine`). Deep copies of it go on alike."""
+
+    service_ns: Time = SERVICE_NS
+    clock: Literal["lockstep", "wall"] = "lockstep"
+    repeatable: Literal["bytes", "outcome"] = "bytes"
+    preroll_ns: Time = 0
+
+    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> None:
+        """Build the fleet, standing disarmed in STABILIZE. Chance only sets when within a second each one reports.
+
+        Raises `InputError` for an empty fleet, a system id outside 1…250, an unknown airframe or bad parameters.
+        """
+        self.name = name
+        self.vehicles = [spec.id for spec in specs]
+        _check(name, specs)
+        count = len(specs)
+        estimate, flight = zeros(ESTIMATE, count), zeros(FLIGHT, count)
+        settings = np.zeros(count, dtype=SETTINGS)
+        crafts = []
+        for row, spec in enumerate(specs):
+            fill(settings, row, spec.id, AIRFRAMES[spec.airframe], spec.system_id, spec.params)
+            port = Port(endpoint(spec.id, "autopilot"), link_name("autopilot", spec.id))
+            packer = Packer(spec.system_id, COMPONENT)
+            crafts.append(Craft(spec.id, row, spec.system_id, port, packer, spec.home_enu_m))
+            estimate["pos"][row] = spec.home_enu_m
+            estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
+        flight["landed"] = 1
+        self.ports = [craft.port for craft in crafts]
+        self._by_port = {craft.port: craft for craft in crafts}
+        self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
+        phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.id), 0)[0] * NS_PER_S) for spec in specs]
+        self._schedule = Schedule(np.array(phases, dtype=np.int64))
+        for craft in crafts:
+            boot_rates(self._schedule, self._fleet, craft)
+        self._actuators = np.zeros((count, MOTORS))
+
+    def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
+        """Take the sensors and the mail of a tick, and act on both; the answer waits for `finish`."""
+        fleet = self._fleet
+        fleet.now = tick
+        fleet.outbox = Outbox()
+        loop.ideal_estimate(
+            sensors.gyro_radps,
+            sensors.accel_mps2,
+            sensors.attitude,
+            sensors.gnss_enu_m,
+            sensors.gnss_vel_enu_mps,
+            sensors.rangefinder_m,
+            fleet.estimate,
+        )
+        for arrival in inbox:
+            self._receive(arrival)
+        if loop.turn(fleet.estimate, fleet.flight, fleet.settings, self._actuators, QUANTUM_S):
+            self._act_on_flags()
+        if tick % SERVICE_NS == 0:
+            self._act_on_timers(tick)
+            self._schedule.send_due(fleet)
+
+    def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
+        """Motor commands (n, 4), and what was said in this tick. Never waits."""
+        return Finished(self._actuators, self._fleet.outbox)
+
+    def _receive(self, arrival: Arrival) -> None:
+        """Act on one frame, as ArduPilot's routing lets it through (MAVLink_routing.cpp)."""
+        fleet = self._fleet
+        craft = self._by_port[arrival.port]
+        try:
+            message = decode(arrival.payload)
+        except DecodeError as error:
+            craft.bad_frames += 1
+            fleet.note("event.bad_frame", craft, {"error": str(error)[:200]}, (arrival.ref,))
+            return
+        partner = (message.get_srcSystem(), message.get_srcComponent())
+        if partner == (craft.system_id, COMPONENT):
+            return  # an echo of our own
+        # no other component is on board, so one that is named but unknown is taken as this one
+        if getattr(message, "target_system", craft.system_id) not in (0, craft.system_id):
+            craft.ignored += 1
+            return
+        causes = (arrival.ref,)
+        number = message.get_msgId()
+        handler = _HANDLERS.get(number)
+        if handler is not None:
+            handler(fleet, craft, message, partner, causes)
+        elif number in _COMMANDS:
+            commands.on_command(fleet, self._schedule, craft, message, partner, causes)
+        elif number == _ID.MAVLINK_MSG_ID_SET_MODE:
+            result = commands.mode_result(fleet, craft, message.base_mode, message.custom_mode, causes)
+            ack = dialect.MAVLink_command_ack_message(_ID.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *partner)
+            fleet.send(craft, ack, causes)
+        elif number == _ID.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
+            self._set_stream(craft, message)
+
+    def _set_stream(self, craft: Craft, message: Any) -> None:
+        """REQUEST_DATA_STREAM: start or stop one stream, or all (0)."""
+        rate = message.req_message_rate if message.start_stop == 1 else 0
+        if message.start_stop > 1:
+            return
+        chosen = STREAMS if message.req_stream_id == 0 else (message.req_stream_id,)
+        for stream in chosen:
+            for number in STREAMS.get(stream, ("", ()))[1]:
+                self._schedule.set(craft.row, number, NS_PER_S // rate if rate else 0, self._fleet.now)
+
+    def _act_on_flags(self) -> None:
+        """Let modes and missions know what the loop has seen."""
+        fleet = self._fleet
+        flight = fleet.flight
+        for row in np.flatnonzero(flight["flags"] & ~flight["seen"]).tolist():
+            craft = fleet.crafts[row]
+            fresh = int(flight["flags"][row] & ~flight["seen"][row])
+            flight["seen"][row] = flight["flags"][row]
+            for flag in _FLAGS:
+                if fresh & flag:
+                    _on_flag(fleet, craft, flag)
+
+    def _act_on_timers(self, now: Time) -> None:
+        fleet = self._fleet
+        due = fleet.timers <= now
+        if not due.any():
+            return
+        for row, column in np.argwhere(due).tolist():
+            craft = fleet.crafts[row]
+            if fleet.timers[row, column] <= now:  # an earlier one may have cleared it
+                fleet.timers[row, column] = NEVER
+                _TIMERS[Timer(column)](fleet, craft)
+
+
+def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
+    if flag is Flag.LIFTED:
+        fleet.note("event.takeoff", craft, {}, craft.target_causes)
+    elif flag is Flag.LANDED:
+        fleet.note("event.landed", craft, {}, craft.mode_causes)
+        settles = craft.mode in (Mode.LAND, Mode.RTL, Mode.AUTO)
+        spool_ns = int(fleet.param(craft, "MOT_SPOOL_TIME") * NS_PER_S)
+        fleet.timer(craft, Timer.LANDED, fleet.now + spool_ns if settles else NEVER)
+        fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
+    elif craft.mode == Mode.AUTO:
+        navigator.on_flag(fleet, craft, flag)
+    elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:
+        returning.arrived(fleet, craft)
+
+
+def _on_hold(fleet: Fleet, craft: Craft) -> None:
+    if craft.mode == Mode.AUTO:
+        navigator.waited(fleet, craft)
+    elif craft.mode == Mode.RTL:
+        returning.waited(fleet, craft)
+
+
+def _on_landed(fleet: Fleet, craft: Craft) -> None:
+    if craft.mode == Mode.AUTO:
+        navigator.settled(fleet, craft)
+    elif craft.mode in (Mode.LAND, Mode.RTL):
+        disarm(fleet, craft, "landed", craft.mode_causes)
+
+
+def _on_idle(fleet: Fleet, craft: Craft) -> None:
+    if fleet.armed(craft) and fleet.landed(craft):
+        disarm(fleet, craft, "disarm_delay", ())
+
+
+_TIMERS: dict[Timer, Callable[[Fleet, Craft], None]] = {
+    Timer.UPLOAD: mission_protocol.on_timer,
+    Timer.HOLD: _on_hold,
+    Timer.LANDED: _on_landed,
+    Timer.IDLE: _on_idle,
+    Timer.STALE: targets.stale,
+    Timer.PARAMS: parameter_protocol.on_timer,
+}
+
+
+def _check(name: str, specs: Sequence[VehicleSpec]) -> None:
+    """Raise `InputError` with everything that is wrong with the specs."""
+    faults = []
+    if not specs:
+        faults.append(Fault("vehicles", "none", "at least one vehicle"))
+    for spec in specs:
+        if spec.airframe not in AIRFRAMES:
+            faults.append(
+                Fault(f"{spec.id} airframe", spec.airframe, "a known airframe", nearest(spec.airframe, AIRFRAMES))
+            )
+        if not 1 <= spec.system_id <= 250:
+            faults.append(Fault(f"{spec.id} system_id", str(spec.system_id), "1 to 250"))
+        if not all(math.isfinite(part) for part in (*spec.home_enu_m, spec.heading_deg)):
+            faults.append(Fault(f"{spec.id} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
+    if faults:
+        raise InputError(f"builtin autopilot {name}", faults)

@@ -1,0 +1,213 @@
+"""What does the autopilot know of each aircraft, and how does it speak? The state that all its parts share.
+
+`Fleet` holds the arrays and the objects (`Craft`), and is handed to every handler; a handler reads and
+writes one craft and its row, nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.messages import Outbox, Scalar
+from skyrange.codec.mavlink import Packer, dialect
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import NEVER, Epoch, Time
+from skyrange.vehicle.builtin.layout import Control, Records
+
+Causes = tuple[FrameId, ...]
+COMPONENT = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
+TEXT_MAX = 50
+"""Characters of one STATUSTEXT."""
+
+
+class Timer(IntEnum):
+    """What a craft may be waiting for: columns of `Fleet.timers`."""
+
+    UPLOAD = 0
+    """The next mission item of an upload."""
+    HOLD = 1
+    """The end of a wait at a waypoint or above home."""
+    LANDED = 2
+    """Motors have spooled down after landing."""
+    IDLE = 3
+    """Armed on the ground for too long."""
+    STALE = 4
+    """A velocity target runs out."""
+    PARAMS = 5
+    """The next values of a parameter list."""
+
+
+@dataclass(slots=True)
+class Slot:
+    """One mission item as stored: MISSION_ITEM_INT's fields; `causes` is the frame that wrote it."""
+
+    command: int
+    frame: int
+    param1: float = 0.0
+    param2: float = 0.0
+    param3: float = 0.0
+    param4: float = 0.0
+    x: int = 0
+    y: int = 0
+    z: float = 0.0
+    autocontinue: int = 1
+    causes: Causes = ()
+
+
+@dataclass(slots=True)
+class Upload:
+    """A mission transfer under way, or none (`active` false)."""
+
+    active: bool = False
+    next: int = 0
+    last: int = 0
+    partner: tuple[int, int] = (0, 0)
+    received_ns: Time = 0
+
+
+class MissionState(IntEnum):
+    """MAVLink's MISSION_STATE values as ArduPilot uses them."""
+
+    NONE = 1
+    NOT_STARTED = 2
+    ACTIVE = 3
+    PAUSED = 4
+    COMPLETE = 5
+
+
+class Stage(IntEnum):
+    """Where a return or a landing stands."""
+
+    NONE = 0
+    CLIMB = 1
+    RETURN = 2
+    LOITER = 3
+    DESCEND = 4
+    LAND = 5
+    TRANSIT = 6
+    """Flying to a landing place, or waiting there as a waypoint asks."""
+
+
+@dataclass(slots=True)
+class Craft:
+    """The message-rate state of one aircraft. Its numbers are in row `row` of the fleet's arrays."""
+
+    id: str
+    row: int
+    system_id: int
+    port: Port
+    packer: Packer
+    home: tuple[float, float, float]
+    """East, north, up of home in metres."""
+    mode: int = 0
+    mode_causes: Causes = ()
+    mission: list[Slot] = field(default_factory=list)
+    """Item 0 is a placeholder for home, as in ArduPilot."""
+    upload: Upload = field(default_factory=Upload)
+    mission_state: int = MissionState.NONE
+    current: int = 0
+    """Sequence number of the navigation item under way, 0 for none."""
+    loaded: bool = False
+    """Whether that item has been started."""
+    jumps: dict[int, int] = field(default_factory=dict)
+    """How often each DO_JUMP has jumped."""
+    stage: int = Stage.NONE
+    ready: bool = False
+    """Allowed to leave the ground (ArduPilot's `auto_armed`)."""
+    target_causes: Causes = ()
+    yaw_free: bool = True
+    params_next: int = 0
+    bad_frames: int = 0
+    ignored: int = 0
+
+    @property
+    def sees_mission(self) -> bool:
+        """Whether there is anything to fly: more than the home item."""
+        return len(self.mission) > 1
+
+
+class Fleet:
+    """All aircraft of one engine: arrays by row, crafts in the same order, and the way out."""
+
+    def __init__(
+        self, crafts: list[Craft], origin: Origin, epoch: Epoch, estimate: Records, flight: Records, settings: Records
+    ) -> None:
+        self.crafts = crafts
+        self.origin = origin
+        self.epoch = epoch
+        self.estimate = estimate
+        self.flight = flight
+        self.settings = settings
+        self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
+        self.now: Time = 0
+        self.outbox = Outbox()
+        self._lat_lon: tuple[Time, list[int], list[int]] = (NEVER, [], [])
+
+    def send(self, craft: Craft, message: Any, causes: Causes = ()) -> None:
+        """Pack and send one message from a craft."""
+        self.outbox.send(craft.port, craft.packer.pack(message), causes)
+
+    def text(self, craft: Craft, severity: int, words: str, causes: Causes = ()) -> None:
+        """STATUSTEXT, cut to one message's length."""
+        self.send(craft, dialect.MAVLink_statustext_message(severity, words.encode()[:TEXT_MAX]), causes)
+
+    def note(self, kind: str, craft: Craft, data: Mapping[str, Scalar] | None = None, causes: Causes = ()) -> None:
+        """Record an event about a craft."""
+        self.outbox.note(kind, craft.id, data, causes)
+
+    def timer(self, craft: Craft, timer: Timer, at: Time = NEVER) -> None:
+        """Set a timer to a moment; NEVER clears it."""
+        self.timers[craft.row, timer] = at
+
+    def param(self, craft: Craft, name: str) -> float:
+        """A parameter's value in its own unit."""
+        return float(self.settings[name][craft.row])
+
+    def armed(self, craft: Craft) -> bool:
+        """Whether the motors may turn."""
+        return bool(self.flight["armed"][craft.row])
+
+    def landed(self, craft: Craft) -> bool:
+        """Whether it stands on the ground, as the landing detector has it."""
+        return bool(self.flight["landed"][craft.row])
+
+    def control(self, craft: Craft) -> int:
+        """What the array side does with it."""
+        return int(self.flight["control"][craft.row])
+
+    def position(self, craft: Craft) -> tuple[float, float, float]:
+        """Where it believes to be, ENU metres."""
+        east, north, up = self.estimate["pos"][craft.row].tolist()
+        return east, north, up
+
+    def lat_lon_e7(self) -> tuple[list[int], list[int]]:
+        """Latitudes and longitudes of all rows in 1e-7 degrees, worked out once per moment."""
+        if self._lat_lon[0] != self.now:
+            here = self.estimate["pos"]
+            lat, lon = self.origin.to_geodetic(here[:, 0].copy(), here[:, 1].copy())
+            self._lat_lon = (self.now, np.rint(lat * 1e7).astype(int).tolist(), np.rint(lon * 1e7).astype(int).tolist())
+        return self._lat_lon[1], self._lat_lon[2]
+
+    def limits(self, craft: Craft) -> None:
+        """Speeds and accelerations as the WPNAV parameters say: what every mode starts from."""
+        row, flight = craft.row, self.flight
+        flight["speed_xy"][row] = self.param(craft, "WPNAV_SPEED") * 0.01
+        flight["speed_up"][row] = self.param(craft, "WPNAV_SPEED_UP") * 0.01
+        flight["speed_down"][row] = self.param(craft, "WPNAV_SPEED_DN") * 0.01
+        flight["accel_xy"][row] = self.param(craft, "WPNAV_ACCEL") * 0.01
+        flight["accel_z"][row] = self.param(craft, "WPNAV_ACCEL_Z") * 0.01
+
+    def fly(self, craft: Craft, control: Control, target_vel: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        """Give a flying craft another control and velocity target; the reference goes on from where it is."""
+        row = craft.row
+        self.flight["control"][row] = control
+        self.flight["target_vel"][row] = target_vel
+        self.flight["fast"][row] = 0

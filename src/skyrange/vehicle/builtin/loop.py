@@ -1,0 +1,196 @@
+"""What happens in one turn of the main loop, for every aircraft? Estimate, guide, control, detect landing.
+
+Two kernels over all rows: `ideal_estimate` (the seam for an estimator) and `turn`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Floats
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.control import GRAVITY_MPS2, fly, relax, stand
+from skyrange.vehicle.builtin.guidance import begin_leg, face, guide
+from skyrange.vehicle.builtin.layout import Control, Flag, Records
+from skyrange.vehicle.builtin.shaping import ramp_time
+
+_OFF = int(Control.OFF)
+_IDLE = int(Control.IDLE)
+_TAKEOFF = int(Control.TAKEOFF)
+_LIFTED = int(Flag.LIFTED)
+_LANDED = int(Flag.LANDED)
+# land_detector.cpp and config.h (LAND_DETECTOR_*, LAND_CHECK_*)
+_LAND_S = 1.0
+_LAND_ACCEL_MPS2 = 1.0
+_LAND_CLIMB_MPS = 1.0
+_LAND_HEIGHT_M = 2.0
+_LAND_TILT_RAD = math.radians(15.0)
+_LAND_TILT_ERROR_RAD = math.radians(30.0)
+_LAND_FILTER_HZ = 1.0
+
+
+@kernel
+def ideal_estimate(
+    gyro: Floats,
+    accel: Floats,
+    attitude: Floats,
+    position: Floats,
+    velocity: Floats,
+    rangefinder: Floats,
+    estimate: Records,
+) -> None:
+    """Believe the sensors: position and velocity from GNSS, attitude as given, height from the rangefinder."""
+    for i in range(estimate.shape[0]):
+        e: Any = estimate[i]
+        w = attitude[i, 0]
+        x = attitude[i, 1]
+        y = attitude[i, 2]
+        z = attitude[i, 3]
+        for axis in range(3):
+            e.pos[axis] = position[i, axis]
+            e.vel[axis] = velocity[i, axis]
+            e.rate[axis] = gyro[i, axis]
+        e.quat[0] = w
+        e.quat[1] = x
+        e.quat[2] = y
+        e.quat[3] = z
+        a = accel[i, 0]
+        b = accel[i, 1]
+        c = accel[i, 2]
+        e.accel[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
+        e.accel[1] = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
+        e.accel[2] = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c - GRAVITY_MPS2
+        e.roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        e.pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
+        e.yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        e.height = rangefinder[i]
+
+
+@kernel
+def take_reference(e: Any, f: Any) -> None:
+    """Put the reference where the aircraft is, moving as it moves."""
+    for axis in range(3):
+        f.ref_pos[axis] = e.pos[axis]
+        f.ref_vel[axis] = e.vel[axis]
+        f.ref_acc[axis] = 0.0
+    f.ref_yaw = e.yaw
+    f.target_yaw = e.yaw
+    f.ref_yaw_rate = 0.0
+
+
+@kernel
+def _rise(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> None:
+    """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
+    take_reference(e, f)
+    relax(f)
+    if f.spool < 1.0:
+        f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
+        f.throttle = 0.0
+        for motor in range(out.shape[0]):
+            out[motor] = p.MOT_SPIN_ARM + (p.MOT_SPIN_MIN - p.MOT_SPIN_ARM) * f.spool
+        return
+    stand(e, f, p, out, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0), dt_s)
+    if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
+        f.landed = 0
+        f.land_s = 0.0
+        f.flags |= _LIFTED
+        f.throttle_i = f.throttle - p.MOT_THST_HOVER
+
+
+@kernel
+def _touch(e: Any, f: Any, dt_s: float) -> None:
+    """The landing detector: least throttle, still and level for a second."""
+    rc = 1.0 / (2.0 * math.pi * _LAND_FILTER_HZ)
+    size = 0.0
+    for axis in range(3):
+        f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * dt_s / (dt_s + rc)
+        size += f.land_accel[axis] * f.land_accel[axis]
+    still = (
+        f.throttle <= 0.0
+        and f.tilt_target < _LAND_TILT_RAD
+        and f.tilt_error < _LAND_TILT_ERROR_RAD
+        and size <= _LAND_ACCEL_MPS2 * _LAND_ACCEL_MPS2
+        and abs(e.vel[2]) < _LAND_CLIMB_MPS
+        and e.height < _LAND_HEIGHT_M
+    )
+    f.land_s = f.land_s + dt_s if still else 0.0
+    if f.land_s >= _LAND_S:
+        f.landed = 1
+        f.control = _IDLE
+        f.spool = 0.0
+        f.throttle = 0.0
+        f.flags |= _LANDED
+
+
+@kernel
+def turn(estimate: Records, flight: Records, settings: Records, actuators: Floats, dt_s: float) -> int:
+    """One step for every row: writes (n, 4) commands 0…1; returns how many rows raised a flag newly."""
+    flagged = 0
+    for i in range(flight.shape[0]):
+        e: Any = estimate[i]
+        f: Any = flight[i]
+        p: Any = settings[i]
+        out = actuators[i]
+        before = f.flags
+        if f.control == _OFF:
+            for motor in range(out.shape[0]):
+                out[motor] = 0.0
+        elif f.control == _IDLE:
+            f.spool = 0.0
+            for motor in range(out.shape[0]):
+                out[motor] = p.MOT_SPIN_ARM
+        elif f.landed == 1:
+            if f.control == _TAKEOFF:
+                _rise(e, f, p, out, dt_s)
+            else:
+                f.control = _IDLE
+        else:
+            guide(e, f, p, dt_s)
+            fly(e, f, p, out, dt_s)
+            _touch(e, f, dt_s)
+        if f.flags & ~before:
+            flagged += 1
+    return flagged
+
+
+@kernel
+def set_leg(
+    flight: Records,
+    settings: Records,
+    row: int,
+    goal: NDArray[Any],
+    fast: bool,
+    corner: bool,
+    turn_nose: bool,
+) -> None:
+    """`guidance.begin_leg` for one row; `turn_nose` faces along it."""
+    f: Any = flight[row]
+    p: Any = settings[row]
+    begin_leg(f, p, goal[0], goal[1], goal[2], fast, corner)
+    if turn_nose:
+        face(f, p, goal[0] - f.leg.origin[0], goal[1] - f.leg.origin[1])
+
+
+@kernel
+def braking_distance(speed: float, accel: float, jerk: float) -> float:
+    """How far a reference moves on while `begin_leg` brakes it off."""
+    return 0.5 * speed * ramp_time(speed, 0.0, accel, jerk)
+
+
+@kernel
+def rest(flight: Records, row: int) -> None:
+    """Clear one row's controllers before it leaves the ground."""
+    f: Any = flight[row]
+    relax(f)
+    f.throttle_i = 0.0
+    f.land_s = 0.0
+
+
+@kernel
+def face_target(flight: Records, settings: Records, row: int) -> None:
+    """Turn one row's nose towards its target, where that is far enough to mean a direction."""
+    f: Any = flight[row]
+    face(f, settings[row], f.target_pos[0] - f.ref_pos[0], f.target_pos[1] - f.ref_pos[1])

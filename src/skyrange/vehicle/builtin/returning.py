@@ -1,0 +1,84 @@
+"""How does an aircraft come home? RTL's stages: climb, return, wait, descend and land.
+
+After ArduCopter/mode_rtl.cpp (`build_path`, `compute_return_target`, `run`): the climb's height is RTL_ALT above
+home, lowered by the cone near home, never below the present height. Used by the mode and by the mission item.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skyrange.core.time import NS_PER_MS
+from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin.fleet import Craft, Fleet, Stage, Timer
+from skyrange.vehicle.builtin.layout import Control
+
+_ALT_MIN_M = 0.3  # config.h RTL_ALT_MIN
+_CONE_MIN = 0.5  # config.h RTL_MIN_CONE_SLOPE
+
+
+def start(fleet: Fleet, craft: Craft) -> None:
+    """Begin the return of a flying craft with the climb from its stopping point."""
+    fleet.limits(craft)
+    speed = fleet.param(craft, "RTL_SPEED") * 0.01
+    if speed > 0.0:
+        fleet.flight["speed_xy"][craft.row] = speed
+    craft.stage = Stage.CLIMB
+    east, north, up = stopping_point(fleet, craft)
+    loop.set_leg(
+        fleet.flight, fleet.settings, craft.row, np.array((east, north, _height(fleet, craft, east, north, up))),
+        False, False, False,
+    )  # fmt: skip
+
+
+def stopping_point(fleet: Fleet, craft: Craft) -> tuple[float, float, float]:
+    """Where the reference comes to rest when it brakes now: what a new leg starts from."""
+    row, flight = craft.row, fleet.flight
+    velocity = flight["ref_vel"][row].tolist()
+    position = flight["ref_pos"][row].tolist()
+    speed = math.hypot(*velocity)
+    if speed < 1e-6:
+        return position[0], position[1], position[2]
+    length = loop.braking_distance(speed, float(flight["accel_xy"][row]), fleet.param(craft, "PSC_JERK_XY"))
+    east, north, up = (p + v / speed * length for p, v in zip(position, velocity, strict=True))
+    return east, north, up
+
+
+def _height(fleet: Fleet, craft: Craft, east: float, north: float, up: float) -> float:
+    """The height of the return, above the origin."""
+    home_east, home_north, home_up = craft.home
+    now = up - home_up
+    least = max(_ALT_MIN_M, now + fleet.param(craft, "RTL_CLIMB_MIN") * 0.01)
+    height = max(fleet.param(craft, "RTL_ALT") * 0.01, least, 0.0)
+    slope = fleet.param(craft, "RTL_CONE_SLOPE")
+    if slope >= _CONE_MIN:
+        height = min(height, max(math.hypot(east - home_east, north - home_north) * slope, least))
+    return home_up + max(height, now)
+
+
+def arrived(fleet: Fleet, craft: Craft) -> None:
+    """A leg of the return is done: go on to the next stage."""
+    if craft.stage == Stage.CLIMB:
+        craft.stage = Stage.RETURN
+        up = float(fleet.flight["target_pos"][craft.row, 2])
+        goal = np.array((craft.home[0], craft.home[1], up))
+        turn_nose = fleet.param(craft, "WP_YAW_BEHAVIOR") == 1
+        loop.set_leg(fleet.flight, fleet.settings, craft.row, goal, False, False, turn_nose)
+    elif craft.stage == Stage.RETURN:
+        craft.stage = Stage.LOITER
+        fleet.timer(craft, Timer.HOLD, fleet.now + int(fleet.param(craft, "RTL_LOIT_TIME")) * NS_PER_MS)
+
+
+def waited(fleet: Fleet, craft: Craft) -> None:
+    """The wait above home is over: land, or descend to RTL_ALT_FINAL and stay."""
+    final = fleet.param(craft, "RTL_ALT_FINAL") * 0.01
+    if final <= 0.0:
+        craft.stage = Stage.LAND
+        fleet.limits(craft)
+        fleet.fly(craft, Control.LAND)
+        return
+    craft.stage = Stage.DESCEND
+    goal = np.array((craft.home[0], craft.home[1], craft.home[2] + final))
+    loop.set_leg(fleet.flight, fleet.settings, craft.row, goal, False, False, False)

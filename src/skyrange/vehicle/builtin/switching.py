@@ -1,0 +1,98 @@
+"""When may a mode be entered, and what does a flying aircraft do then?
+
+Rules are those of `Copter::set_mode` (ArduCopter/mode.cpp) and each mode's `init`. A refused change sends a text
+and leaves everything as it was. Disarmed, any mode may be chosen: arming checks it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from skyrange.codec.mavlink import dialect
+from skyrange.core.time import from_seconds
+from skyrange.vehicle.builtin import navigator, returning
+from skyrange.vehicle.builtin.arming import idle_end
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
+from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.modes import Mode, known
+
+_BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z
+_BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
+
+
+def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
+    """Why an armed craft may not enter a mode, or ""."""
+    if mode == Mode.STABILIZE:
+        return "no radio control"
+    if mode == Mode.AUTO:
+        if not craft.sees_mission:
+            return "init failed"
+        if fleet.landed(craft) and not navigator.starts_with_takeoff(craft):
+            fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto: Missing Takeoff Cmd")
+            return "init failed"
+    return ""
+
+
+def _hold(fleet: Fleet, craft: Craft) -> None:
+    fleet.limits(craft)
+    fleet.fly(craft, Control.VELOCITY)
+
+
+def _brake(fleet: Fleet, craft: Craft) -> None:
+    _hold(fleet, craft)
+    row = craft.row
+    fleet.flight["accel_xy"][row] = _BRAKE_DECEL_MPS2
+    fleet.flight["accel_z"][row] = _BRAKE_DECEL_MPS2
+    fleet.flight["speed_up"][row] = _BRAKE_SPEED_Z_MPS
+    fleet.flight["speed_down"][row] = _BRAKE_SPEED_Z_MPS
+
+
+def _land(fleet: Fleet, craft: Craft) -> None:
+    fleet.limits(craft)
+    craft.stage = Stage.LAND
+    fleet.fly(craft, Control.LAND)
+
+
+_ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
+    Mode.STABILIZE: _hold,
+    Mode.AUTO: _hold,
+    Mode.GUIDED: _hold,
+    Mode.RTL: returning.start,
+    Mode.LAND: _land,
+    Mode.BRAKE: _brake,
+}
+"""What a flying craft does on entry; AUTO holds until its mission says more."""
+
+
+def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Causes) -> bool:
+    """Change the mode; `False` and a text where it is refused. The present mode again changes nothing."""
+    if number == craft.mode:
+        return True
+    mode = known(number)
+    if mode is None:
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"No such mode {number}", causes)
+        return False
+    armed = fleet.armed(craft)
+    why = _refusal(fleet, craft, mode) if armed else ""
+    if why:
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Mode change to {mode.name} failed: {why}", causes)
+        return False
+    if craft.mode == Mode.AUTO:
+        navigator.stop(craft)
+    craft.mode = mode
+    craft.mode_causes = causes
+    craft.stage = Stage.NONE
+    fleet.timer(craft, Timer.HOLD)
+    fleet.timer(craft, Timer.STALE)
+    fleet.note("event.mode", craft, {"mode": mode.name, "number": int(mode), "reason": reason}, causes)
+    if armed and not fleet.landed(craft):
+        _ENTER[mode](fleet, craft)
+    elif armed:
+        fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is off
+        if mode == Mode.LAND:
+            fleet.timer(craft, Timer.LANDED, fleet.now + from_seconds(fleet.param(craft, "MOT_SPOOL_TIME")))
+        else:
+            fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
+    if mode == Mode.AUTO:
+        navigator.start_or_resume(fleet, craft)
+    return True
