@@ -40,7 +40,7 @@ class Said:
 
 
 class Range:
-    """Aircraft in a world under one or more engines. `script` bytes with `send`, look at `said`, `notes` and `track`."""
+    """Aircraft in a world under one or more engines: `send` to them, look at `said`, `notes` and `track`."""
 
     def __init__(
         self,

@@ -131,11 +131,12 @@ def test_brake_stops_and_holds() -> None:
     r.run_until(lambda x: x.velocities()[0, 1] > 8.0, 60.0)
     began = r.positions()[0, 1]
     assert r.mode(V, Mode.BRAKE) == 0
-    r.run(5.0)
+    r.run(8.0)
     stopped = r.positions()[0]
-    # 8 m/s² at most, so not sooner than v²/2a; and with 5 m/s³ of jerk within 2 s
+    # not sooner than v²/2a at 7.5 m/s²; PSC_JERK_XY of 5 m/s³ first has to turn the acceleration round and
+    # lets the end run out with a time constant of 7.5 / 5 s
     assert 4.0 < stopped[1] - began < 25.0
-    assert np.abs(r.velocities()[0]).max() < 0.3
+    assert np.abs(r.velocities()[0]).max() < 0.2
     r.run(10.0)
     assert np.abs(r.positions()[0] - stopped).max() < 1.5
     assert abs(r.positions()[0, 2] - 5.0) < 0.3
@@ -175,7 +176,7 @@ def test_land_mode_lands_where_it_is() -> None:
     assert falls.min() == pytest.approx(-1.5, abs=0.25)  # WPNAV_SPEED_DN above LAND_ALT_LOW
 
 
-def local(x: float, y: float, z: float, v: tuple[float, float, float], mask: int, frame: int = 1):  # noqa: ANN201
+def local(x: float, y: float, z: float, v: tuple[float, float, float], mask: int, frame: int = 1):
     return A.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, x, y, z, *v, 0, 0, 0, 0, 0)
 
 
@@ -228,7 +229,9 @@ def test_hover_holds_in_wind() -> None:
     r.run(15.0)
     since = r.seconds
     r.run(10.0)
-    assert np.abs(path(r, since) - [0.0, 0.0, 10.0]).max() < 0.3
+    held = path(r, since)
+    assert np.ptp(held, axis=0).max() < 0.02  # steady wind: no motion left
+    assert np.abs(held - [0.0, 0.0, 10.0]).max() < 0.8  # where the wind had it when it left the ground
 
 
 def test_mission_in_wind_stays_on_its_legs() -> None:
@@ -287,3 +290,51 @@ def test_second_flight_after_landing() -> None:
         r.run_until(r.has("event.disarmed", flight), 90.0)
         assert r.mode(V, Mode.STABILIZE) == 0
     assert [n.data["seq"] for n in r.events("event.item_reached")] == [1, 2, 3, 1, 2, 3]
+
+
+def test_upload_in_flight_that_takes_the_current_item_away() -> None:
+    r = one()
+    r.upload(V, [takeoff(5), waypoint(0, 20, 5), waypoint(20, 20, 5), rtl()])
+    start(r, V)
+    r.run_until(r.has("event.item_reached", 2), 60.0)
+    r.send(V, A.MAVLink_mission_count_message(1, 1, 2, 0))  # begins an upload, and never goes on
+    r.run_until(r.has("event.item_reached", 3), 30.0)  # the item under way is still flown to its end
+    r.run(10.0)
+    assert np.abs(r.velocities()[0]).max() < 0.3
+    assert abs(r.positions()[0, 2] - 5.0) < 0.3
+
+
+def test_cleared_mission_in_flight_leaves_it_holding() -> None:
+    r = one()
+    r.upload(V, square(30, 5))
+    start(r, V)
+    r.run_until(r.has("event.item_reached", 2), 60.0)
+    r.send(V, A.MAVLink_mission_clear_all_message(1, 1, 0))
+    r.run(8.0)
+    assert np.abs(r.velocities()[0]).max() < 0.3
+    assert r.mode(V, Mode.RTL) == 0
+    r.run_until(r.has("event.disarmed"), 90.0)
+
+
+def test_repeated_mission_start_does_not_delay_the_take_off() -> None:
+    r = one()
+    r.upload(V, square(5, 5))
+    start(r, V)
+    for _ in range(15):
+        assert r.command(V, A.MAV_CMD_MISSION_START) == 0
+        r.run(0.1)
+    assert len(r.events("event.takeoff")) == 1
+
+
+def test_thrown_over_it_disarms() -> None:
+    r = one()
+    r.take_off(V, 10.0)
+    truth = r.world
+    for _ in range(1200):  # held on its back, still: a tree
+        truth._attitude[0] = (math.cos(1.2), math.sin(1.2), 0.0, 0.0)
+        truth._velocity[0] = 0.0
+        truth._position[0, 2] = 10.0
+        r.tick()
+        if r.events("event.disarmed"):
+            break
+    assert [n.data["reason"] for n in r.events("event.disarmed")] == ["crash"]

@@ -17,6 +17,12 @@ HOMES = {"blue/b1": (5, 5), "blue/b2": (10, 0), "green/g1": (-5, -10), "green/g2
 SIDES = {"blue/b1": 5, "blue/b2": 7, "green/g1": 4, "green/g2": 3, "green/g3": 2}
 ORIGIN = {"lat_deg": -35.3633280, "lon_deg": 149.1652241, "alt_msl_m": 584.0, "geoid_m": 19.0}
 S = 1_000_000_000
+ENDS = {
+    "gcs": ("gcs", "companion"),
+    "log": ("companion", "proxy"),
+    "autopilot": ("proxy", "autopilot"),
+    "rid_data": ("proxy", "companion"),
+}
 
 SCHEMAS = {
     "truth": {
@@ -141,7 +147,8 @@ def fly(
                  "component_id": 1, "message": "VFR_HUD", "alt": 12.5}
             )  # fmt: skip
         for kind in ("gcs", "log", "autopilot", "rid_data"):
-            links.append({"name": f"{kind}:{name}", "a": operator, "b": name, "channel": {}})
+            a, b = ENDS[kind]
+            links.append({"name": f"{kind}:{name}", "a": f"{operator if a == 'gcs' else name}.{a}", "b": f"{name}.{b}"})
             for k in range(0, len(times), 4):
                 sent = round(times[k] * S)
                 lost = kind == "gcs" and rng.random() < 0.02

@@ -7,10 +7,11 @@ import math
 import pytest
 
 from skyrange.codec.mavlink import dialect
+from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
-from skyrange.vehicle.builtin.engine import VehicleSpec
+from skyrange.vehicle.builtin.engine import BuiltinFleet, VehicleSpec
 from skyrange.vehicle.builtin.parameters import INDEX, PARAMETERS
-from tests.integration.flight_harness import Range
+from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 
 V = "blue/b1"
 
@@ -85,10 +86,8 @@ def test_bad_start_values_are_all_named() -> None:
 
 def test_bad_specs_are_all_named() -> None:
     with pytest.raises(InputError, match="at least one vehicle"):
-        from skyrange.core.chance import Chance
-        from skyrange.vehicle.builtin.engine import BuiltinFleet
-        from tests.integration.flight_harness import EPOCH, ORIGIN
-
         BuiltinFleet("x", [], ORIGIN, EPOCH, Chance(1))
     with pytest.raises(InputError, match="system_id"):
         Range([VehicleSpec(V, 255)])
+    with pytest.raises(InputError, match="iris"):
+        BuiltinFleet("x", [VehicleSpec(V, 1, "irs")], ORIGIN, EPOCH, Chance(1))

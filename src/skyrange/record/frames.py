@@ -26,7 +26,6 @@ _FATE_NAMES = pa.array([str(fate) for fate in Fate], pa.string())
 _FATE_HASHES = np.array([hash64(str(fate)) for fate in Fate], dtype=np.uint64)
 _NOWHERE = np.uint64(0xFFFFFFFFFFFFFFFF)  # hashed as the arrival of a frame that never arrived
 
-_FLOW = attrgetter("link", "direction", "sender", "src", "dst")
 
 _NAMES = pa.dictionary(pa.int32(), pa.string())
 FRAME_SPOOL = pa.schema(

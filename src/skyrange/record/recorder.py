@@ -6,13 +6,12 @@ clock read here decides when rows are written, never what is in them.
 
 from __future__ import annotations
 
-import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from time import monotonic
 from typing import Any, Self
 
@@ -26,6 +25,7 @@ from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
 from skyrange.record.digests import Digests
 from skyrange.record.finalise import finalise
+from skyrange.record.folder import make_folder, put_file, unmake_folder, unwritable
 from skyrange.record.frames import FrameEncoder
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, here, write_manifest
 from skyrange.record.notes import (
@@ -44,7 +44,6 @@ from skyrange.record.spool import SPOOL, Spool, cannot_write
 from skyrange.record.ticks import SensorTick, TruthTick, sensor_batch, sensor_values, truth_batch, truth_words
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
-_PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
 
 
 @dataclass(slots=True)
@@ -71,7 +70,14 @@ class Recorder:
     """
 
     def __init__(
-        self, path: Path, manifest: dict[str, Any], state: _State, spool: Spool, spool_bytes: int, flush_s: float
+        self,
+        path: Path,
+        manifest: dict[str, Any],
+        state: _State,
+        spool: Spool,
+        spool_bytes: int,
+        flush_s: float,
+        made: Sequence[Path] = (),
     ) -> None:
         """Use `Recorder.open`."""
         self.path = path
@@ -82,6 +88,7 @@ class Recorder:
         self._spool_bytes = spool_bytes
         self._flush_s = flush_s
         self._due_s = monotonic() + flush_s
+        self._made = made
         self._refused = False
         self._closed = False
         self._frames: list[Frame] = []
@@ -115,36 +122,33 @@ class Recorder:
         rates = {"truth_hz": truth_hz, "sensors_hz": sensors_hz}
         manifest = {"format": FORMAT, "status": RUNNING, **here(), **header, "record": rates}
         manifest |= {"format": FORMAT, "status": RUNNING}
-        made = _make(folder)
+        made = make_folder(folder)
         try:
+            spool = Spool(folder)  # first: who sees a manifest finds a spool
             write_manifest(folder, manifest)
-            spool = Spool(folder)
         except OSError as error:
-            _unmake(folder, made)
-            raise _unwritable(folder, error) from error
+            unmake_folder(folder, made)
+            raise unwritable(folder, error) from error
         except (TypeError, ValueError) as error:
-            _unmake(folder, made)
+            unmake_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
         state = _State(FrameEncoder(spool_bytes), _period(truth_hz), _period(sensors_hz))
-        return cls(folder, manifest, state, spool, spool_bytes, flush_s)
+        return cls(folder, manifest, state, spool, spool_bytes, flush_s, made)
 
     def attach(self, name: str, data: bytes) -> None:
-        """Put a file into the folder: `scenario.toml`, `missions/survey.plan`, `city.json`.
+        """Put a file into the folder before the run starts: `scenario.toml`, `missions/survey.plan`, `city.json`.
 
         `name` is relative, its parts plain names; `InputError` for one that leaves the folder or is the
-        record's own, and where the disk refuses.
+        record's own, and where the disk refuses: there is no record then, and nothing is left behind.
         """
-        parts = PurePosixPath(name).parts
-        if not parts or not all(_PART.match(part) and ".." not in part for part in parts):
-            raise InputError.one("attachment", "name", name, "a relative path of plain names, such as missions/a.plan")
-        if parts[0].endswith(".parquet") or parts[0] in (MANIFEST, f"{MANIFEST}.new", "operators"):
-            raise InputError.one("attachment", "name", name, "a name that the record does not use itself")
-        target = self.path.joinpath(*parts)
+        if self._state.counts:
+            raise ValueError(f"{name}: files are attached before the first rows are written")
         try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(data)
-        except OSError as error:
-            raise _unwritable(target, error) from error
+            put_file(self.path, name, data)
+        except InputError:
+            self._refused = self._closed = True
+            unmake_folder(self.path, self._made)
+            raise
 
     # ---------------------------------------------------------------- what the kernel tells
 
@@ -237,8 +241,12 @@ class Recorder:
         counts[table] = counts.get(table, 0) + batch.num_rows
 
     def _clear(self) -> None:
-        for rows in (self._frames, *self._notes.values(), self._labels, self._truth, self._sensors):
+        self._frames.clear()
+        for rows in self._notes.values():
             rows.clear()
+        self._labels.clear()
+        self._truth.clear()
+        self._sensors.clear()
         self._tick_bytes = 0
 
     @property
@@ -257,13 +265,13 @@ class Recorder:
         self.flush()
         self._spool.end_segment()
         folder = Path(path)
-        made = _make(folder)
+        made = make_folder(folder)
         try:
             shutil.copytree(self.path, folder, dirs_exist_ok=True)
             spool = Spool(folder, self._spool.segment)
         except (OSError, shutil.Error) as error:
-            _unmake(folder, made)
-            raise _unwritable(folder, error) from error
+            unmake_folder(folder, made)
+            raise unwritable(folder, error) from error
         state, manifest = deepcopy(self._state), deepcopy(self._manifest)
         return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s)
 
@@ -332,30 +340,3 @@ def _check_rates(truth_hz: float, sensors_hz: float) -> None:
 
 def _period(rate_hz: float) -> Time:
     return from_seconds(1.0 / rate_hz) if rate_hz else NEVER
-
-
-def _make(folder: Path) -> list[Path]:
-    """Make the folder and its parents; returns those that were not there, innermost first."""
-    missing = [each for each in (folder, *folder.parents) if not each.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        taken = next(folder.iterdir(), None)
-    except OSError as error:
-        raise _unwritable(folder, error) from error
-    if taken is not None:
-        hint = "Choose another folder, or move that one away."
-        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
-    return missing
-
-
-def _unmake(folder: Path, made: list[Path]) -> None:
-    """Take away what `_make` made and all that was put into `folder` since."""
-    for path in folder.iterdir() if folder.is_dir() else ():
-        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
-    for path in made:
-        shutil.rmtree(path, ignore_errors=True) if path == folder else path.rmdir()
-
-
-def _unwritable(path: Path, error: OSError) -> InputError:
-    reason = error.strerror or str(error)
-    return InputError.one("output", str(path), reason, "a folder that can be written, on a disk with room")

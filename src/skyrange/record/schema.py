@@ -73,6 +73,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("qx", _F64, "", "attitude quaternion, x"),
         Column("qy", _F64, "", "attitude quaternion, y"),
         Column("qz", _F64, "", "attitude quaternion, z"),
+        Column("rate_x_radps", _F64, "rad/s", "body rate about forward"),
+        Column("rate_y_radps", _F64, "rad/s", "body rate about left"),
+        Column("rate_z_radps", _F64, "rad/s", "body rate about up"),
+        Column("throttle", _F64, "", "mean motor command, 0 to 1"),
+        Column("on_ground", _F64, "", "1 while it stands on the ground, else 0"),
+        Column("crashed", _F64, "", "1 once it has crashed, else 0"),
     ),
     "sensors": (
         Column("time_ns", _I64, "ns", f"the tick, {_TIME}"),

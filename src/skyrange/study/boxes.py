@@ -33,7 +33,8 @@ def box(subject: Subject, own: Sequence[Vehicle], tracks: Mapping[str, Track], w
     paths = [tracks[vehicle.id].enu_m for vehicle in own]
     if not any(len(path) for path in paths):
         return svg.text(width / 2, height / 2, "nothing was received", extra='opacity=".6"')
-    low, high = _extent(paths, [])
+    everything = np.concatenate([path for path in paths if len(path)])
+    low, high = everything.min(axis=0), everything.max(axis=0)
     low[2] = min(low[2], 0.0)
     centre = 0.5 * (low + high)
     half = max(float((high - low)[:2].max()), 4.0) * 0.54

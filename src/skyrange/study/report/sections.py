@@ -26,6 +26,7 @@ _BANNERS = {
     "failed": ("This run failed", "A component broke; what was recorded up to then is shown."),
 }
 _BADGES = {"complete": ("ok", "complete"), "failed": ("bad", "failed"), "unfinished": ("wait", "unfinished")}
+_WORST_FIRST = {"failed": 0, "unfinished": 1, "complete": 2}
 
 
 def banner(run: Gathered) -> str:
@@ -83,7 +84,7 @@ def tiles(run: Gathered) -> str:
 
 
 def outcomes(run: Gathered) -> str:
-    """One row per aircraft: how its mission ended and what its flight was like."""
+    """One row per aircraft, those that failed first: how its mission ended and what its flight was like."""
     if not run.flights:
         return _nothing("The manifest names no aircraft.")
     top = max((flight.max_up_m or 0.0 for flight in run.flights), default=1.0)
@@ -100,9 +101,10 @@ def outcomes(run: Gathered) -> str:
             ("fastest", True),
         )
     )
-    body = "".join(_outcome(run, index, flight, top) for index, flight in enumerate(run.flights))
+    order = sorted(enumerate(run.flights), key=lambda row: _WORST_FIRST.get(row[1].state, 1))
+    body = "".join(_outcome(run, index, flight, top) for index, flight in order)
     return (
-        '<div class="scroll"><table class="grid"><caption class="vh">Outcome of each mission</caption>'
+        '<div class="scroll tall"><table class="grid"><caption class="vh">Outcome of each mission</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -119,7 +121,7 @@ def gaps(run: Gathered) -> str:
         wide, usual = 100 * (flight.max_gap_m or 0) / worst, 100 * (flight.p95_gap_m or 0) / worst
         rows.append(
             f'<tr data-v="{index}"><th scope=row>{_name(index, flight.vehicle.id)}</th>'
-            f'<td class=bar><svg width="100%" height="12" aria-hidden="true"><rect class="ink-{index} fill soft" '
+            f'<td class=meter><svg width="100%" height="12" aria-hidden="true"><rect class="ink-{index} fill soft" '
             f'width="{number(wide)}%" height="12" rx="2"/><rect class="ink-{index} fill" width="{number(usual)}%" height="12" '
             f'rx="2"/></svg></td><td class=num>{words.quantity(flight.max_gap_m, "m", 2)}</td>'
             f'<td class=num>{words.quantity(flight.p95_gap_m, "m", 2)}</td><td class=num>{words.count(flight.positions)}</td></tr>'

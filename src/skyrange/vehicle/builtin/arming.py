@@ -68,7 +68,7 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
     flight["flags"][row] = flight["seen"][row] = 0
     craft.ready = False
     craft.stage = Stage.NONE
-    craft.loaded = False
+    craft.flown = None
     craft.current = 0
     craft.jumps.clear()
     for timer in (Timer.HOLD, Timer.LANDED, Timer.IDLE, Timer.STALE):

@@ -210,6 +210,9 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
         spool_ns = int(fleet.param(craft, "MOT_SPOOL_TIME") * NS_PER_S)
         fleet.timer(craft, Timer.LANDED, fleet.now + spool_ns if settles else NEVER)
         fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
+    elif flag is Flag.CRASHED:
+        fleet.text(craft, dialect.MAV_SEVERITY_EMERGENCY, "Crash: Disarming")
+        disarm(fleet, craft, "crash", ())
     elif craft.mode == Mode.AUTO:
         navigator.on_flag(fleet, craft, flag)
     elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:

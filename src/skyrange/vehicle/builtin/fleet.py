@@ -115,8 +115,8 @@ class Craft:
     mission_state: int = MissionState.NONE
     current: int = 0
     """Sequence number of the navigation item under way, 0 for none."""
-    loaded: bool = False
-    """Whether that item has been started."""
+    flown: Slot | None = None
+    """That item as it was when started, `None` before: an upload may rewrite or remove its slot meanwhile."""
     jumps: dict[int, int] = field(default_factory=dict)
     """How often each DO_JUMP has jumped."""
     stage: int = Stage.NONE
@@ -149,7 +149,8 @@ class Fleet:
         self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
         self.now: Time = 0
         self.outbox = Outbox()
-        self._lat_lon: tuple[Time, list[int], list[int]] = (NEVER, [], [])
+        self._lat_lon: dict[int, tuple[int, int]] = {}
+        self._lat_lon_at: Time = NEVER
 
     def send(self, craft: Craft, message: Any, causes: Causes = ()) -> None:
         """Pack and send one message from a craft."""
@@ -188,13 +189,21 @@ class Fleet:
         east, north, up = self.estimate["pos"][craft.row].tolist()
         return east, north, up
 
-    def lat_lon_e7(self) -> tuple[list[int], list[int]]:
-        """Latitudes and longitudes of all rows in 1e-7 degrees, worked out once per moment."""
-        if self._lat_lon[0] != self.now:
-            here = self.estimate["pos"]
-            lat, lon = self.origin.to_geodetic(here[:, 0].copy(), here[:, 1].copy())
-            self._lat_lon = (self.now, np.rint(lat * 1e7).astype(int).tolist(), np.rint(lon * 1e7).astype(int).tolist())
-        return self._lat_lon[1], self._lat_lon[2]
+    def locate(self, rows: NDArray[np.int64]) -> None:
+        """Work out latitude and longitude of some rows, for `lat_lon_e7` at this moment."""
+        if self._lat_lon_at != self.now:
+            self._lat_lon.clear()
+            self._lat_lon_at = self.now
+        here = self.estimate["pos"][rows]
+        lat, lon = self.origin.to_geodetic(here[:, 0].copy(), here[:, 1].copy())
+        lat_e7, lon_e7 = np.rint(lat * 1e7).astype(int).tolist(), np.rint(lon * 1e7).astype(int).tolist()
+        self._lat_lon.update(zip(rows.tolist(), zip(lat_e7, lon_e7, strict=True), strict=True))
+
+    def lat_lon_e7(self, craft: Craft) -> tuple[int, int]:
+        """Latitude and longitude in 1e-7 degrees, as believed now."""
+        if self._lat_lon_at != self.now or craft.row not in self._lat_lon:
+            self.locate(np.array([craft.row]))
+        return self._lat_lon[craft.row]
 
     def limits(self, craft: Craft) -> None:
         """Speeds and accelerations as the WPNAV parameters say: what every mode starts from."""

@@ -96,6 +96,7 @@ FLIGHT: Final = np.dtype(
         # landing detector
         ("land_accel", "f8", (3,)),
         ("land_s", "f8"),
+        ("crash_s", "f8"),
     ]
 )
 
@@ -126,6 +127,8 @@ class Flag(IntFlag):
     ARRIVED = 4
     """The leg is done."""
     LANDED = 8
+    CRASHED = 16
+    """Far from the attitude asked for, for too long."""
 
 
 def zeros(dtype: np.dtype[Any], count: int) -> Records:

@@ -22,6 +22,7 @@ _IDLE = int(Control.IDLE)
 _TAKEOFF = int(Control.TAKEOFF)
 _LIFTED = int(Flag.LIFTED)
 _LANDED = int(Flag.LANDED)
+_CRASHED = int(Flag.CRASHED)
 # land_detector.cpp and config.h (LAND_DETECTOR_*, LAND_CHECK_*)
 _LAND_S = 1.0
 _LAND_ACCEL_MPS2 = 1.0
@@ -30,6 +31,10 @@ _LAND_HEIGHT_M = 2.0
 _LAND_TILT_RAD = math.radians(15.0)
 _LAND_TILT_ERROR_RAD = math.radians(30.0)
 _LAND_FILTER_HZ = 1.0
+# crash_check.cpp (CRASH_CHECK_*)
+_CRASH_S = 2.0
+_CRASH_ACCEL_MPS2 = 3.0
+_CRASH_SPEED_MPS = 10.0
 
 
 @kernel
@@ -102,7 +107,7 @@ def _rise(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> None:
 
 @kernel
 def _touch(e: Any, f: Any, dt_s: float) -> None:
-    """The landing detector: least throttle, still and level for a second."""
+    """Landed is least throttle, still and level for a second; crashed is two seconds far from the attitude asked for."""
     rc = 1.0 / (2.0 * math.pi * _LAND_FILTER_HZ)
     size = 0.0
     for axis in range(3):
@@ -116,6 +121,14 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
         and abs(e.vel[2]) < _LAND_CLIMB_MPS
         and e.height < _LAND_HEIGHT_M
     )
+    thrown = (
+        f.tilt_error > _LAND_TILT_ERROR_RAD
+        and size < _CRASH_ACCEL_MPS2 * _CRASH_ACCEL_MPS2
+        and e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1] + e.vel[2] * e.vel[2] < _CRASH_SPEED_MPS * _CRASH_SPEED_MPS
+    )
+    f.crash_s = f.crash_s + dt_s if thrown else 0.0
+    if f.crash_s >= _CRASH_S:
+        f.flags |= _CRASHED
     f.land_s = f.land_s + dt_s if still else 0.0
     if f.land_s >= _LAND_S:
         f.landed = 1
@@ -187,6 +200,7 @@ def rest(flight: Records, row: int) -> None:
     relax(f)
     f.throttle_i = 0.0
     f.land_s = 0.0
+    f.crash_s = 0.0
 
 
 @kernel

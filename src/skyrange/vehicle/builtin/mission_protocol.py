@@ -15,6 +15,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin import navigator
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
+from skyrange.vehicle.builtin.modes import Mode
 
 MAX_ITEMS = 724
 """Items that fit with home: the storage of a common flight controller under ArduCopter."""
@@ -202,7 +203,9 @@ def current_message(craft: Craft, seq: int | None = None) -> Any:
     if craft.sees_mission and state == MissionState.NONE:
         state = MissionState.NOT_STARTED
     shown = craft.current if seq is None else seq
-    return dialect.MAVLink_mission_current_message(shown, max(len(craft.mission) - 1, 0), state, int(craft.mode == 3))
+    return dialect.MAVLink_mission_current_message(
+        shown, max(len(craft.mission) - 1, 0), state, int(craft.mode == Mode.AUTO)
+    )
 
 
 def on_timer(fleet: Fleet, craft: Craft) -> None:

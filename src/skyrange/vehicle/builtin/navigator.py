@@ -36,7 +36,7 @@ _FAST_FOLLOWERS = frozenset((WAYPOINT,))
 
 def starts_with_takeoff(craft: Craft) -> bool:
     """Whether the first navigation item to be flown is a take-off (AP_Mission::starts_with_takeoff_cmd)."""
-    seq = _next_navigation(craft, craft.current if craft.loaded and craft.current else 1)
+    seq = _next_navigation(craft, craft.current if craft.flown is not None and craft.current else 1)
     return seq is not None and craft.mission[seq].command == TAKEOFF
 
 
@@ -45,14 +45,14 @@ def start_or_resume(fleet: Fleet, craft: Craft) -> None:
     if craft.mission_state == MissionState.COMPLETE or fleet.param(craft, "MIS_RESTART") == 1:
         reset(craft)
     craft.mission_state = MissionState.ACTIVE
-    craft.loaded = False
+    craft.flown = None
     update(fleet, craft)
 
 
 def reset(craft: Craft) -> None:
     """Back to the first item, jump counters cleared."""
     craft.current = 0
-    craft.loaded = False
+    craft.flown = None
     craft.jumps.clear()
 
 
@@ -66,10 +66,10 @@ def stop(craft: Craft) -> None:
 def update(fleet: Fleet, craft: Craft) -> None:
     """Start the item that is due, if the mission runs, the motors are armed and none has been started."""
     if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and fleet.armed(craft):
-        if not craft.loaded:
+        if craft.flown is None:
             _advance(fleet, craft, craft.current or 1)
-        elif craft.ready and fleet.landed(craft) and craft.mission[craft.current].command == TAKEOFF:
-            _begin(fleet, craft, craft.mission[craft.current], corner=False)
+        elif craft.ready and craft.flown.command == TAKEOFF and fleet.control(craft) == Control.IDLE:
+            _begin(fleet, craft, craft.flown, corner=False)
 
 
 def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
@@ -79,11 +79,11 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
     if seq == 0 or craft.mission_state == MissionState.COMPLETE:
         craft.jumps.clear()
     seq = max(seq, 1)
-    craft.loaded = False
+    craft.flown = None
     fleet.timer(craft, Timer.HOLD)
     if craft.mission_state == MissionState.ACTIVE and craft.mode == Mode.AUTO and fleet.armed(craft):
         _advance(fleet, craft, seq)
-        return craft.loaded
+        return craft.flown is not None
     found = _next_navigation(craft, seq)
     if found is None:
         return False
@@ -100,9 +100,10 @@ def changed(fleet: Fleet, craft: Craft) -> None:
         if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and not craft.sees_mission:
             _complete(fleet, craft)
             return
-    if craft.mode == Mode.AUTO and craft.loaded and craft.mission[craft.current].command == WAYPOINT:
+    if craft.mode == Mode.AUTO and craft.flown is not None and craft.flown.command == WAYPOINT:
         fleet.timer(craft, Timer.HOLD)
-        _begin(fleet, craft, craft.mission[craft.current], corner=False)
+        craft.flown = None
+        _advance(fleet, craft, craft.current)
 
 
 def change_speed(fleet: Fleet, craft: Craft, kind: int, speed_mps: float) -> bool:
@@ -128,9 +129,9 @@ def goal_of(fleet: Fleet, craft: Craft, slot: Slot, default: tuple[float, float,
 
 def on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
     """The loop reports an arrival, a climb done or a landing while AUTO flies an item."""
-    if not craft.loaded:
+    slot = craft.flown
+    if slot is None:
         return
-    slot = craft.mission[craft.current]
     if flag is Flag.CLIMBED and slot.command == TAKEOFF:
         _reached(fleet, craft, slot, corner=False)
     elif flag is Flag.ARRIVED:
@@ -150,9 +151,9 @@ def on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
 
 def waited(fleet: Fleet, craft: Craft) -> None:
     """A wait is over: at a waypoint, or above home."""
-    if not craft.loaded:
+    slot = craft.flown
+    if slot is None:
         return
-    slot = craft.mission[craft.current]
     if slot.command == RTL:
         returning.waited(fleet, craft)
     elif slot.command == WAYPOINT:
@@ -161,9 +162,9 @@ def waited(fleet: Fleet, craft: Craft) -> None:
 
 def settled(fleet: Fleet, craft: Craft) -> None:
     """It stands on the ground with idle motors: the landing item ends the mission unless a take-off follows."""
-    if not craft.loaded:
+    slot = craft.flown
+    if slot is None:
         return
-    slot = craft.mission[craft.current]
     following = _next_navigation(craft, craft.current + 1)
     if slot.command == RTL or (following is not None and craft.mission[following].command == TAKEOFF):
         _reached(fleet, craft, slot, corner=False)
@@ -178,7 +179,7 @@ def _reached(fleet: Fleet, craft: Craft, slot: Slot, corner: bool) -> None:
     if slot.command == WAYPOINT:
         fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Reached command #{seq}")
     fleet.note("event.item_reached", craft, {"seq": seq, "command": slot.command}, slot.causes)
-    craft.loaded = False
+    craft.flown = None
     craft.stage = Stage.NONE
     _advance(fleet, craft, seq + 1, corner)
 
@@ -193,7 +194,7 @@ def _advance(fleet: Fleet, craft: Craft, seq: int, corner: bool = False) -> None
         slot = craft.mission[place]
         if slot.command in NAVIGATION:
             craft.current = place
-            craft.loaded = True
+            craft.flown = slot
             _begin(fleet, craft, slot, corner)
             return
         if slot.command == SPEED and slot.param2 > 0.0:
@@ -284,7 +285,7 @@ def _leg(fleet: Fleet, craft: Craft, goal: tuple[float, float, float], fast: boo
 def _complete(fleet: Fleet, craft: Craft) -> None:
     """No item is left: hold in the air, disarm on the ground (ModeAuto::exit_mission)."""
     craft.mission_state = MissionState.COMPLETE
-    craft.loaded = False
+    craft.flown = None
     if fleet.landed(craft):
         if fleet.armed(craft):
             disarm(fleet, craft, "mission_exit", craft.mode_causes)

@@ -70,11 +70,6 @@ def _heading_cdeg(fleet: Fleet, craft: Craft) -> int:
     return int(math.degrees(0.5 * math.pi - float(fleet.estimate["yaw"][craft.row])) % 360.0 * 100.0) % 36_000
 
 
-def _lat_lon(fleet: Fleet, craft: Craft) -> tuple[int, int]:
-    lat, lon = fleet.lat_lon_e7()
-    return lat[craft.row], lon[craft.row]
-
-
 def heartbeat(fleet: Fleet, craft: Craft) -> Any:
     """HEARTBEAT, base mode as GCS_Copter::base_mode makes it."""
     mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
@@ -103,7 +98,7 @@ def _system_time(fleet: Fleet, craft: Craft) -> Any:
 
 
 def _gps_raw_int(fleet: Fleet, craft: Craft) -> Any:
-    lat, lon = _lat_lon(fleet, craft)
+    lat, lon = fleet.lat_lon_e7(craft)
     east, north, _ = _vector(fleet, craft, "vel")
     up = _vector(fleet, craft, "pos")[2]
     alt = fleet.origin.alt_msl_m + up
@@ -131,7 +126,7 @@ def _local_position_ned(fleet: Fleet, craft: Craft) -> Any:
 
 
 def _global_position_int(fleet: Fleet, craft: Craft) -> Any:
-    lat, lon = _lat_lon(fleet, craft)
+    lat, lon = fleet.lat_lon_e7(craft)
     up = _vector(fleet, craft, "pos")[2]
     east, north, v_up = _vector(fleet, craft, "vel")
     return dialect.MAVLink_global_position_int_message(
@@ -189,7 +184,7 @@ def _home_position(fleet: Fleet, craft: Craft) -> Any:
 
 def _autopilot_version(fleet: Fleet, craft: Craft) -> Any:
     return dialect.MAVLink_autopilot_version_message(
-        _CAPABILITIES, FIRMWARE, 0, 0, 0, b"skyrange", b"", b"", 0, 0, craft.system_id
+        _CAPABILITIES, FIRMWARE, 0, 0, 0, b"skyrange", bytes(8), bytes(8), 0, 0, craft.system_id, bytes(18)
     )
 
 
@@ -267,12 +262,14 @@ class Schedule:
             return
         rows, columns = np.nonzero(due)
         self.due[due] += self.period[due]
+        fleet.locate(np.flatnonzero(due[:, _LOCATED].any(axis=1)))
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
             craft = fleet.crafts[row]
             fleet.send(craft, _IN_ORDER[column](fleet, craft))
 
 
 _IN_ORDER: Final = tuple(BUILDERS.values())
+_LOCATED: Final = [COLUMN[_ID.MAVLINK_MSG_ID_GLOBAL_POSITION_INT], COLUMN[_ID.MAVLINK_MSG_ID_GPS_RAW_INT]]
 
 
 def boot_rates(schedule: Schedule, fleet: Fleet, craft: Craft) -> None:

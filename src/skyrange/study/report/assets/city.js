@@ -49,7 +49,7 @@ const triangles = (rings) => {
 // Light comes from the south-west and above; a wall is the brighter the more it faces it.
 const wallLight = (a, b) => {
   const dx = b[0] - a[0], dy = b[1] - a[1], long = Math.hypot(dx, dy) || 1;
-  return 0.62 + 0.3 * ((dy / long) * -0.55 + (-dx / long) * -0.83);
+  return 0.72 + 0.17 * ((dy / long) * -0.55 + (-dx / long) * -0.83);
 };
 // Interleaved x, y, z, light, kind (0 wall, 1 roof) for triangles, and x, y, z for edges.
 const cityMesh = (buildings) => {

@@ -15,16 +15,14 @@ const makeCamera = () => {
   const fov = 0.62;
   camera.home = (yaw = -0.62, pitch = 0.46) => {
     Object.assign(camera, { yaw, pitch, target: [...bounds.mid] });
-    camera.distance = (bounds.size * 0.5) / Math.tan(fov / 2) * 1.06;
+    camera.distance = (bounds.size * 0.5) / Math.tan(fov / 2) * 0.84;
   };
   camera.home();
   camera.update = (w, h) => {
     const { yaw, pitch, distance, target } = camera, cp = Math.cos(pitch), sp = Math.sin(pitch), cy = Math.cos(yaw), sy = Math.sin(yaw);
-    const back = [sy * cp * -1, -cy * cp, sp];                       // from the target to the eye; yaw 0 looks north
-    const right = [cy, -sy, 0].map((x, k) => (k === 1 ? -x * -1 : x));
-    camera.right = right;
+    const back = [-sy * cp, -cy * cp, sp];                           // from the target to the eye; yaw 0 looks north
+    const right = [cy, -sy, 0];
     const up = [back[1] * right[2] - back[2] * right[1], back[2] * right[0] - back[0] * right[2], back[0] * right[1] - back[1] * right[0]];
-    camera.up = up;
     const eye = target.map((x, k) => x + back[k] * distance);
     camera.eye = eye;
     const f = 1 / Math.tan(fov / 2), near = distance * 0.02, far = distance * 12 + bounds.size * 4, deep = 1 / (near - far);
@@ -59,7 +57,6 @@ const buildScene = () => {
     picture = plain;
     render = flatRenderer(picture);
   }
-  $("overview").classList.add("only-print");
   $("overview").hidden = true;
   stage.classList.add("live");
   const camera = makeCamera();
@@ -88,7 +85,7 @@ const buildScene = () => {
     chip("Names", options.names, () => (options.names = !options.names)));
   if (RUN.vehicles.some((v) => v.belief.size)) tools.append(chip("Beliefs", false, () => (options.belief = !options.belief)));
   if (RUN.buildings.length) tools.append(chip("Buildings", true, () => (options.city = !options.city)));
-  stage.append(chips, tools, make("div", { className: "hint", textContent: matchMedia("(pointer: coarse)").matches ? "one finger turns · two move and zoom" : "drag to turn · shift-drag to move · scroll to zoom" }));
+  stage.append(chips, tools, make("div", { className: "hint", textContent: matchMedia("(pointer: coarse)").matches ? "one finger turns · two move and zoom" : "drag to turn · shift-drag to move · click, then scroll to zoom" }));
 
   const halo = (ctx, text, x, y) => {
     ctx.lineWidth = 3.5;
@@ -262,7 +259,7 @@ const buildScene = () => {
   over.addEventListener("pointerleave", () => { hideTip(); setFocus(-1); });
   over.addEventListener("contextmenu", (e) => e.preventDefault());
   over.addEventListener("wheel", (e) => {
-    if (document.activeElement !== over && !e.ctrlKey && !over.matches(":hover")) return;
+    if (document.activeElement !== over && !e.ctrlKey && !e.metaKey) return;  // the page scrolls until the scene is taken up
     e.preventDefault();
     zoom(Math.exp(Math.sign(e.deltaY) * Math.min(Math.abs(e.deltaY), 60) * 0.0022));
   }, { passive: false });

@@ -1,0 +1,61 @@
+"""How is a run's folder begun, filled with its inputs, and taken away again if the run cannot start?"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path, PurePosixPath
+
+from skyrange.core.errors import InputError
+from skyrange.record.manifest import MANIFEST
+
+_PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
+
+
+def make_folder(folder: Path) -> list[Path]:
+    """Make the folder and its parents; returns those that were not there, innermost first."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        taken = next(folder.iterdir(), None)
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    if taken is not None:
+        hint = "Choose another folder, or move that one away."
+        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
+    return missing
+
+
+def unmake_folder(folder: Path, made: Sequence[Path]) -> None:
+    """Take away what `make_folder` made and all that was put into `folder` since."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+    for path in made:
+        with suppress(OSError):  # somebody else may have put something there
+            path.rmdir()
+
+
+def unwritable(path: Path, error: OSError) -> InputError:
+    reason = error.strerror or str(error)
+    return InputError.one("output", str(path), reason, "a folder that can be written, on a disk with room")
+
+
+def put_file(folder: Path, name: str, data: bytes) -> None:
+    """Write `data` to `name` in `folder`.
+
+    `name` is relative, its parts plain names; `InputError` for one that leaves the folder or is the record's
+    own, and where the disk refuses.
+    """
+    parts = PurePosixPath(name).parts
+    if not parts or not all(_PART.match(part) and ".." not in part for part in parts):
+        raise InputError.one("attachment", "name", name, "a relative path of plain names, as missions/a.plan")
+    if parts[0].endswith(".parquet") or parts[0] in (MANIFEST, f"{MANIFEST}.new", "operators"):
+        raise InputError.one("attachment", "name", name, "a name that the record does not use itself")
+    target = folder.joinpath(*parts)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+    except OSError as error:
+        raise unwritable(target, error) from error

@@ -1,0 +1,190 @@
+"""Does an agent keep its contract? (`skyrange.agent.contracts.Agent`)"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from skyrange.agent.contracts import Agent
+from skyrange.agent.messages import Arrival
+from skyrange.core.ids import Port
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.testing.driving import Step, copied, drive, rows
+from skyrange.testing.form import check_causes, check_departures, check_notes, said
+from skyrange.testing.hostile import forged, garbage, siege, spoiled
+from skyrange.testing.mail import Letter, post
+from skyrange.testing.purity import watched
+from skyrange.testing.rules import RuleBook, need, same, short
+
+LATE_NS = 1_300 * NS_PER_MS
+"""How late an overloaded kernel steps an agent in the check."""
+MAX_ANSWERS = 1
+"""Departures, and notes, that one frame of garbage may cause."""
+MAX_ANSWER_BYTES = 2_048
+"""Bytes that one frame of garbage may cause, beyond its own length."""
+_BEFORE = -1
+"""Nothing has happened yet, not even the instant 0."""
+
+AGENT: RuleBook[AgentCase] = RuleBook("agent")
+
+
+@dataclass
+class AgentCase:
+    """An agent to be checked: how a fresh one is made, its friendly mail, how long it is driven."""
+
+    make: Callable[[], Agent]
+    letters: Sequence[Letter]
+    until: Time
+
+    @cached_property
+    def arrivals(self) -> list[Arrival]:
+        """The friendly mail."""
+        return post(self.letters)
+
+    @cached_property
+    def friendly(self) -> list[Step]:
+        """What a fresh one does with it."""
+        return drive(self.make(), self.arrivals, _BEFORE, self.until)
+
+    def besieged(self, payloads: Sequence[bytes]) -> tuple[list[Arrival], list[Step]]:
+        """The friendly mail with hostile payloads on every port in between, and what a fresh one does with it."""
+        agent = self.make()
+        begin = self.until // 10
+        spacing = max(NS_PER_MS, (self.until - 2 * begin) // (len(payloads) // 16 + 1))
+        arrivals = post([*self.letters, *siege(payloads, agent.ports, begin, spacing, 16)])
+        return arrivals, drive(agent, arrivals, _BEFORE, self.until)
+
+
+def check_agent(
+    make: Callable[[], Agent], *, mail: Sequence[Letter] = (), until: Time = 10 * NS_PER_S, name: str | None = None
+) -> None:
+    """Check that the agents which `make` returns keep every rule of `AGENT`.
+
+    Each call of `make` returns a fresh agent, all alike. `mail` is what a friendly peer would send it,
+    at times from 0 to `until` (ns); the better it is, the more of the agent is checked (`Postbag`
+    collects it from a run). Raises `NonConformance` at the first broken rule; `name` stands in it for
+    the agent's own.
+    """
+    AGENT.check(f"agent {name or getattr(make(), 'name', make)}", AgentCase(make, mail, until))
+
+
+@AGENT.rule("declares", "Has a name, a service time of 0 ns or more, and ports, each once; they never change.")
+def _declares(case: AgentCase) -> None:
+    agent = case.make()
+    need(isinstance(agent.name, str) and bool(agent.name), f"name is {agent.name!r}", "text")
+    service = agent.service_ns
+    whole = isinstance(service, int) and not isinstance(service, bool) and service >= 0
+    need(whole, f"service_ns is {service!r}", "an int of 0 or more nanoseconds")
+    ports = tuple(agent.ports)
+    need(all(isinstance(port, Port) for port in ports), f"ports are {short(ports)}", "a sequence of Port")
+    need(len(set(ports)) == len(ports), f"ports are {short(ports)}", "each port once")
+    wrong = [letter for letter in case.letters if letter.port not in ports]
+    need(not wrong, f"the mail of this check is for {wrong[0].port if wrong else None}", "mail for the agent's ports")
+    before = (agent.name, service, ports)
+    drive(agent, case.arrivals, _BEFORE, case.until)
+    same(before, (agent.name, agent.service_ns, tuple(agent.ports)), "declared and, later,", "what stays as it is")
+
+
+@AGENT.rule("steps", "Answers every step with a whole Outbox, never a generator, which later steps leave alone.")
+def _steps(case: AgentCase) -> None:
+    steps = case.friendly
+    for step in steps:
+        same(step.said, said(step.outbox), f"the outbox of {step.now} ns, handed over and now", "a new Outbox each step")
+
+
+@AGENT.rule("wakeups", "Asks for no wake-up, or for one later than now, in whole ns; asking twice changes nothing.")
+def _wakeups(case: AgentCase) -> None:
+    drive(case.make(), (), _BEFORE, case.until)
+
+
+@AGENT.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")
+def _departures(case: AgentCase) -> None:
+    ports = tuple(case.make().ports)
+    for step in case.friendly:
+        check_departures(step.said, ports)
+
+
+@AGENT.rule("notes", "Notes `decision.…` or `event.…` about an id, with finite scalars and texts of up to 4096.")
+def _notes(case: AgentCase) -> None:
+    for step in case.friendly:
+        check_notes(step.said)
+
+
+@AGENT.rule("causes", "Names as causes only frames that it has received.")
+def _causes(case: AgentCase) -> None:
+    _check_causes(case.arrivals, case.friendly)
+
+
+@AGENT.rule("repeatable", "Says the same bytes at the same times in two fresh instances given the same mail.")
+def _repeatable(case: AgentCase) -> None:
+    again = drive(case.make(), case.arrivals, _BEFORE, case.until)
+    same(rows(case.friendly), rows(again), "two instances differ", "the same from the same inputs")
+
+
+@AGENT.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+def _pure(case: AgentCase) -> None:
+    _ = case.friendly  # imports and compiles what a first run must
+    drive(case.make(), case.arrivals, _BEFORE, case.until, call=watched)
+
+
+@AGENT.rule("late", "Survives being stepped 1.3 s after the time it asked for, with all the mail since in one box.")
+def _late(case: AgentCase) -> None:
+    for step in drive(case.make(), case.arrivals, _BEFORE, case.until, lag_ns=LATE_NS):
+        check_departures(step.said, tuple(case.make().ports))
+        check_notes(step.said)
+
+
+@AGENT.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+def _copies(case: AgentCase) -> None:
+    straight = case.friendly
+    fork_at = straight[len(straight) // 2].now if straight else case.until // 2
+    rest = rows([step for step in straight if step.now > fork_at])
+    trunk = case.make()
+    drive(trunk, case.arrivals, _BEFORE, fork_at)
+    branch = copied(trunk)
+    expected = "a copy that goes on alike, and an original that does not notice"
+    same(rest, rows(drive(branch, case.arrivals, fork_at, case.until)), "the straight run and the copy differ", expected)
+    same(rest, rows(drive(trunk, case.arrivals, fork_at, case.until)), "the copy's life shows in the original", expected)
+
+
+@AGENT.rule("hostile", "Survives any bytes on any port, garbage and well-formed nonsense, and keeps its form.")
+def _hostile(case: AgentCase) -> None:
+    ports = tuple(case.make().ports)
+    for payloads in ([*garbage(), *spoiled(case.letters)], list(forged())):
+        arrivals, steps = case.besieged(payloads)
+        for step in steps:
+            check_departures(step.said, ports)
+            check_notes(step.said)
+        _check_causes(arrivals, steps)
+
+
+@AGENT.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
+def _modest(case: AgentCase) -> None:
+    payloads = garbage()
+    frames = len(payloads) * len(case.make().ports)
+    received = sum(map(len, payloads)) * len(case.make().ports)
+    quiet, loud = _volume(case.friendly), _volume(case.besieged(payloads)[1])
+    for what, base, count, most in zip(
+        ("departures", "notes", "bytes"),
+        quiet,
+        loud,
+        (MAX_ANSWERS * frames, MAX_ANSWERS * frames, received + MAX_ANSWER_BYTES * frames),
+        strict=True,
+    ):
+        need(count - base <= most, f"{count - base} {what} more for {frames} frames of garbage", f"at most {most}")
+
+
+def _volume(steps: Sequence[Step]) -> tuple[int, int, int]:
+    """Departures, notes, bytes."""
+    departures = [departure for step in steps for departure in step.said[0]]
+    return len(departures), sum(len(step.said[1]) for step in steps), sum(len(d.payload) for d in departures)
+
+
+def _check_causes(arrivals: Sequence[Arrival], steps: Sequence[Step]) -> None:
+    received = set()
+    handed = 0
+    for step in steps:
+        received |= {arrival.ref for arrival in arrivals[handed : handed + step.arrivals]}
+        handed += step.arrivals
+        check_causes(step.said, received)

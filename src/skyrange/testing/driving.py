@@ -1,0 +1,111 @@
+"""How is an agent driven as a kernel would drive it, alone? Mail at service times, wake-ups when due."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from skyrange.agent.contracts import Agent
+from skyrange.agent.messages import Arrival, Inbox, Outbox
+from skyrange.core.time import NS_PER_S, Time, ceil_to
+from skyrange.testing.form import Said, said
+from skyrange.testing.purity import Call, plainly
+from skyrange.testing.rules import Broken, need, short
+
+MAX_WAKEUPS_PER_S = 20_000
+"""Steps without mail in a simulated second that still count as progress (a radio slot is 50 µs)."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step: when, with how many arrivals, the outbox, its contents at that moment, and the next wake-up."""
+
+    now: Time
+    arrivals: int
+    outbox: Outbox
+    said: Said
+    wakeup: Time | None
+
+
+Row = tuple[Time, int, Said, Time | None]
+
+
+def rows(steps: Sequence[Step]) -> list[Row]:
+    """Steps as values that can be compared."""
+    return [(step.now, step.arrivals, step.said, step.wakeup) for step in steps]
+
+
+def drive(
+    agent: Agent, arrivals: Sequence[Arrival], begin: Time, until: Time, *, call: Call = plainly, lag_ns: Time = 0
+) -> list[Step]:
+    """Every step after `begin`, up to `until`, each `lag_ns` late.
+
+    `arrivals` are in order; those up to `begin` have been delivered. Raises `Broken` where the agent
+    raises, answers with something else than a whole outbox, or does not progress.
+    """
+    steps: list[Step] = []
+    waiting = [arrival for arrival in arrivals if arrival.at > begin]
+    delivered = unprompted = 0
+    now = begin
+    wish = wakeup(agent, None, call)
+    allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
+    while True:
+        due = [] if wish is None else [ceil_to(max(wish, now + 1), agent.service_ns)]
+        if delivered < len(waiting):
+            due.append(ceil_to(max(waiting[delivered].at, now + 1), agent.service_ns))
+        if not due or min(due) > until:
+            return steps
+        now = min(due) + lag_ns
+        first = delivered
+        while delivered < len(waiting) and waiting[delivered].at <= now:
+            delivered += 1
+        unprompted += first == delivered
+        need(unprompted <= allowed, f"woke {unprompted} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second")
+        inbox = Inbox(waiting[first:delivered])
+        try:
+            outbox = call(agent.step, now, inbox)
+        except Broken:
+            raise
+        except Exception as error:
+            payloads = short(inbox.payloads)
+            raise Broken(f"step({now}) with mail {payloads} raised {error!r}", "an Outbox, whatever arrived") from error
+        contents = said(outbox)
+        wish = wakeup(agent, now, call)
+        steps.append(Step(now, delivered - first, outbox, contents, wish))
+
+
+def wakeup(agent: Agent, now: Time | None, call: Call) -> Time | None:
+    """What the agent answers, twice alike, to `next_wakeup` after its step at `now`; `Broken` (rule `wakeups`)."""
+    try:
+        wish, again = call(agent.next_wakeup), call(agent.next_wakeup)
+    except Broken:
+        raise
+    except Exception as error:
+        raise Broken(f"next_wakeup() raised {error!r}", "a time or None", "wakeups") from error
+    check_wakeup(wish, again, now)
+    return wish
+
+
+def check_wakeup(wish: object, again: object, now: Time | None) -> None:
+    """`Broken` (rule `wakeups`) unless `wish` is `None` or an `int` after `now`, and the same as `again`."""
+    proper = wish is None or (isinstance(wish, int) and not isinstance(wish, bool))
+    if not proper:
+        raise Broken(f"next_wakeup() is {short(wish)}", "a Python int of nanoseconds, or None", "wakeups")
+    if wish != again:
+        raise Broken(f"next_wakeup() is {wish} and, asked again, {again}", "a question that changes nothing", "wakeups")
+    if now is not None and isinstance(wish, int) and wish <= now:
+        raise Broken(f"next_wakeup() after {now} is {wish}", "a later time, or None", "wakeups")
+
+
+def copied(thing: T) -> T:
+    """A deep copy; `Broken` where there is none."""
+    try:
+        return copy.deepcopy(thing)
+    except Exception as error:
+        raise Broken(
+            f"copy.deepcopy raised {error!r}", "state of plain data: no generators, handles, locks or threads"
+        ) from error

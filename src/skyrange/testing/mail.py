@@ -1,0 +1,64 @@
+"""What is a component sent while it is checked? Letters, and the arrivals they become."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from skyrange.agent.contracts import World
+from skyrange.agent.frames import Fate, Frame
+from skyrange.agent.links import LinkSpec
+from skyrange.agent.messages import Arrival, Note
+from skyrange.agent.verdicts import Label
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import NEVER, Time
+
+PEER = "peer"
+"""Who claims to have sent every letter."""
+
+
+class Letter(NamedTuple):
+    """One payload that arrives `at` (ns of simulated time) at a port of the component."""
+
+    at: Time
+    port: Port
+    payload: bytes
+
+
+def post(letters: Sequence[Letter]) -> list[Arrival]:
+    """The arrivals, in the order in which a kernel hands them over, each with a reference of its own."""
+    ordered = sorted(enumerate(letters), key=lambda pair: (pair[1].at, pair[1].port.link, pair[0]))
+    return [
+        Arrival(letter.port, letter.at, letter.payload, PEER, FrameId(letter.port.link, "fwd", PEER, number))
+        for number, letter in ordered
+    ]
+
+
+class Postbag:
+    """An observer that collects the letters which a component gets in a run.
+
+    Put it among a kernel's observers and give its `letters` to a check: the component is then checked
+    in the conversation that it really has. `ports` are the component's, `links` those of the wiring.
+    """
+
+    truth_period_ns: Time = NEVER
+
+    def __init__(self, ports: Sequence[Port], links: Sequence[LinkSpec]) -> None:
+        ends = {(spec.name, "fwd"): spec.b for spec in links} | {(spec.name, "rev"): spec.a for spec in links}
+        self._ports = {way: Port(end, way[0]) for way, end in ends.items() if Port(end, way[0]) in ports}
+        self.letters: list[Letter] = []
+
+    def on_frame(self, frame: Frame) -> None:
+        """Keep what was delivered to one of the ports."""
+        port = self._ports.get((frame.link, frame.direction))
+        if port is not None and frame.fate is Fate.DELIVERED:
+            self.letters.append(Letter(frame.arrived_ns, port, frame.payload))
+
+    def on_note(self, now: Time, source: str, note: Note) -> None:
+        """Not mail."""
+
+    def on_label(self, label: Label) -> None:
+        """Not mail."""
+
+    def on_truth(self, now: Time, world: World) -> None:
+        """Not mail."""
