@@ -174,7 +174,7 @@ def fly(
                 rows["events"].append(_note(t, kind, name, f"{name}.autopilot", data))
         rows["decisions"].append(_note(0.2, "decision.approval_asked", name, f"{operator}.gcs", {"volumes": 4}))
         rows["decisions"].append(_note(0.4, "decision.upload", name, f"{operator}.gcs", {"items": 6}))
-        rows["decisions"].append(_note(3.2, "decision.arm", name, f"{operator}.gcs", {}, [f"gcs:{name}:rev:{name}#3"]))
+        rows["decisions"].append(_note(3.2, "decision.arm", name, f"{operator}.gcs", {}, [f"gcs:{name}|rev|{name}.companion|3"]))
         done = 7 + climb + lap + alt / 0.8
         if status == "complete":
             outcomes[name] = {"state": "complete", "reason": "mission flown, landed, disarmed", "finished_s": done}
@@ -184,7 +184,7 @@ def fly(
         for k in range(12):
             rows["labels"].append(
                 {"at_ns": round((14 + k * 0.4) * S), "attack": "ghost", "actor": "ghost.tap",
-                 "action": "delay" if k % 3 else "inject", "frame": f"gcs:{victim}:fwd:ghost.tap#{k}"}
+                 "action": "delay" if k % 3 else "inject", "frame": f"gcs:{victim}|fwd|ghost.tap|{k}"}
             )  # fmt: skip
     frames = len(rows["frames"])
     manifest = {

@@ -37,7 +37,7 @@ def test_squares_is_the_published_demonstration():
     }
     assert [v.plan.square.side_m for v in fleet.values()] == [5, 7, 4, 3, 2]
     assert {v.plan.square.alt_m for v in fleet.values()} == {5}
-    assert {v.depart_s for v in fleet.values()} == {0}
+    assert {v.depart_s for v in fleet.values()} == {10}
     assert scenario.duration_s == 180
     assert check(scenario, None) == []
 

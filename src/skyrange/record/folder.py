@@ -38,6 +38,7 @@ def unmake_folder(folder: Path, made: Sequence[Path]) -> None:
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
+    """The error of an output that cannot be written, before the run starts."""
     reason = error.strerror or str(error)
     return InputError.one("output", str(path), reason, "a folder that can be written, on a disk with room")
 

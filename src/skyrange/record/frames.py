@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.agent.frames import Fate, Frame
-from skyrange.core.ids import hash64
+from skyrange.core.ids import FrameId, hash64
 from skyrange.record.digests import Words, payload_hash
 from skyrange.record.schema import PAYLOAD_WINDOW
 
@@ -200,12 +200,12 @@ class FrameEncoder:
         if known < len(self._origins):
             new = list(self._origins)[known:]
             self._origin_hashes = np.concatenate([self._origin_hashes, _hashes(new)])
-            self._prefixes += [":".join(key) for key in new]
+            self._prefixes += [str(FrameId(key[0], key[1], key[2], 0)).removesuffix("0") for key in new]
 
     def _parents(self, origin: NDArray[np.int64], serial: NDArray[np.int64]) -> pa.Array:
-        """`link:direction:sender#serial` as `FrameId` spells it, null where `origin` is -1."""
+        """Ids as `FrameId` spells them, the serial last; null where `origin` is -1."""
         prefixes = pa.array(self._prefixes, pa.string()).take(pa.array(origin, mask=origin < 0))
-        return pc.binary_join_element_wise(prefixes, pa.array(serial).cast(pa.string()), "#")
+        return pc.binary_join_element_wise(prefixes, pa.array(serial).cast(pa.string()), "")
 
     def _new_payloads(self) -> pa.RecordBatch:
         fresh, self._payloads.fresh = self._payloads.fresh, []

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.errors import InputError, nearest
+from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
 from skyrange.record.manifest import RUNNING, read_manifest
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
@@ -22,7 +23,7 @@ from skyrange.record.tables import Tables
 
 
 class RecordedFrame(NamedTuple):
-    """One frame as it was recorded; `parent` and `causes` are ids spelt `link:direction:sender#serial`."""
+    """One frame as it was recorded; `parent` and `causes` are ids as `core.ids.FrameId` spells and parses them."""
 
     link: str
     direction: str
@@ -40,7 +41,7 @@ class RecordedFrame(NamedTuple):
     @property
     def id(self) -> str:
         """The frame's own id, spelt as `parent` and `causes` spell theirs."""
-        return f"{self.link}:{self.direction}:{self.sender}#{self.serial}"
+        return str(FrameId(self.link, self.direction, self.sender, self.serial))
 
 
 _FRAME_COLUMNS = [name for name in RecordedFrame._fields if name != "payload"]

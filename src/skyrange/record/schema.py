@@ -55,7 +55,7 @@ _NOTES = (
     Column("about", NAME, "", "the vehicle, operator or endpoint it is about"),
     Column("source", NAME, "", "the agent, engine or part that noted it"),
     Column("data", TEXT, "", "details: a JSON object of scalars; not-a-number and infinities as strings"),
-    Column("causes", _TEXTS, "", "ids of the frames that caused it, link:direction:sender#serial"),
+    Column("causes", _TEXTS, "", "ids of the frames that caused it, link|direction|sender|serial"),
 )
 
 TABLES: dict[str, tuple[Column, ...]] = {

@@ -28,7 +28,7 @@ def whole_faults(scenario: Any) -> list[Fault]:
         for index, operator in enumerate(operators):
             faults += _fleet_faults(f"operators.{index}", operator)
     if not isinstance(scenario, Mapping):
-        faults += [*_late_faults(scenario), *_rule_faults(scenario)]
+        faults += _rule_faults(scenario)
     return faults
 
 
@@ -57,17 +57,6 @@ def _fleet_faults(where: str, operator: Any) -> Iterator[Fault]:
                 "exact, because the mission file is anchored where it was drawn",
                 'Set plan.anchor = "start" to let it be shifted.',
             )
-
-
-def _late_faults(scenario: Any) -> Iterator[Fault]:
-    for o, operator in enumerate(scenario.operators):
-        for v, vehicle in enumerate(operator.vehicles):
-            if vehicle.depart_s >= scenario.duration_s:
-                yield Fault(
-                    f"operators.{o}.vehicles.{v}.depart_s",
-                    repr(vehicle.depart_s),
-                    f"less than duration_s, which is {scenario.duration_s:g}",
-                )
 
 
 def _rule_faults(scenario: Any) -> Iterator[Fault]:

@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import message_name
+from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
 from skyrange.record.order import in_order
 from skyrange.record.run import RunRecord, load
@@ -226,7 +227,7 @@ def _name(table: str, row: Mapping[str, Any]) -> str:
     """What a reader calls the row: a frame by its id, and what it is."""
     if table == "frames":
         what = message_name(row["payload"]) or f"{len(row['payload'])} bytes"
-        return f"{row['link']}:{row['direction']}:{row['sender']}#{row['serial']} ({what})"
+        return f"{FrameId(row['link'], row['direction'], row['sender'], row['serial'])} ({what})"
     if table == "truth":
         return str(row["vehicle"])
     return " ".join(str(row[key]) for key in _KEYS[table][1:])

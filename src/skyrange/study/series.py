@@ -8,7 +8,7 @@ it; nothing here mixes the two.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,6 +19,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.core.geodesy import Origin
+from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 
 Floats = NDArray[np.float64]
@@ -91,6 +92,11 @@ class Track:
     def distance_m(self) -> float:
         """Length of the path through its samples."""
         return float(np.sqrt((np.diff(self.enu_m, axis=0) ** 2).sum(axis=1)).sum()) if len(self) > 1 else 0.0
+
+    def until(self, time_ns: int) -> Track:
+        """The samples not after `time_ns`."""
+        count = int(np.searchsorted(self.time_ns, time_ns, side="right"))
+        return Track(self.time_ns[:count], self.enu_m[:count], self.speed_mps[:count])
 
     def at(self, time_ns: Ints) -> Floats:
         """(m, 3) positions at `time_ns` (m,), linear between samples, held before the first and after the last."""
@@ -207,12 +213,11 @@ def hostile_acts(record: Record) -> list[Happening]:
     acts = []
     for row in record.table("labels").sort_by("at_ns").to_pylist():
         frame = _text(row.get("frame"))
-        owner = frame.split(":")[1] if frame.count(":") >= 2 else ""
         acts.append(
             Happening(
                 int(row["at_ns"]),
                 f"attack.{_text(row.get('action'))}",
-                owner,
+                _owner(frame),
                 _text(row.get("actor")),
                 {"attack": _text(row.get("attack")), "frame": frame},
             )
@@ -220,11 +225,33 @@ def hostile_acts(record: Record) -> list[Happening]:
     return acts
 
 
-def end_ns(record: Record, tracks: Mapping[str, Track]) -> int:
-    """The last simulated moment that the record knows of, at least 1 s after the start."""
-    last = max((int(track.time_ns[-1]) for track in tracks.values() if len(track)), default=0)
+def end_ns(record: Record, tracks: Iterable[Track]) -> int:
+    """The last simulated moment that the record knows of, at least 1 s."""
+    last = max((int(track.time_ns[-1]) for track in tracks if len(track)), default=0)
     declared = record.manifest.get("simulated_s")
     return max(last, int(float(declared) * NS_PER_S) if declared else 0, NS_PER_S)
+
+
+MOVING_MPS = 0.2
+"""Slower than this an aircraft counts as standing still."""
+
+
+def calm_ns(tracks: Iterable[Track], rows: Iterable[Happening]) -> int | None:
+    """The last moment at which an aircraft moved or something was noted; `None` where neither ever was."""
+    moments = [row.time_ns for row in rows]
+    for track in tracks:
+        moving = np.flatnonzero(track.speed_mps > MOVING_MPS)
+        if len(moving):
+            moments.append(int(track.time_ns[moving[-1]]))
+    return max(moments, default=None)
+
+
+def _owner(frame: str) -> str:
+    """Whose link a frame crossed: `blue/b1` for one on `gcs:blue/b1`; "" for what is no frame id."""
+    try:
+        return FrameId.parse(frame).link.partition(":")[2]
+    except ValueError:
+        return ""
 
 
 def _text(value: object) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.core.time import NS_PER_S
 from skyrange.study.flights import Flight, flights
 from skyrange.study.linkstats import LinkStats, link_stats
 from skyrange.study.palette import Ink, base_colours, ink
@@ -18,6 +19,7 @@ from skyrange.study.series import (
     Track,
     Vehicle,
     belief_tracks,
+    calm_ns,
     end_ns,
     happenings,
     hostile_acts,
@@ -30,7 +32,11 @@ from skyrange.study.waypoints import uploaded
 
 @dataclass(frozen=True, slots=True)
 class Gathered:
-    """One run, read. `operator_inks` by operator id, times in ns."""
+    """One run, read. `operator_inks` by operator id.
+
+    Everything in view lies between `start_ns` and `end_ns`; `recorded_ns` is how long the run went on, perhaps with
+    nothing left to see. Tracks are cut to the view; `flights` count all of it.
+    """
 
     record: Record
     subject: Subject
@@ -45,6 +51,7 @@ class Gathered:
     flights: Sequence[Flight]
     start_ns: int
     end_ns: int
+    recorded_ns: int
 
     @property
     def manifest(self) -> Mapping[str, Any]:
@@ -71,20 +78,24 @@ def gather(record: Record) -> Gathered:
     """Read a run."""
     subject = subject_of(record)
     truth, belief = truth_tracks(record), belief_tracks(record)
-    events = happenings(record, "events")
-    tracks = {**truth, **{f"{name} believed": track for name, track in belief.items()}}
+    events, decisions, attacks = happenings(record, "events"), happenings(record, "decisions"), hostile_acts(record)
+    recorded = end_ns(record, [*truth.values(), *belief.values()])
+    start = min((int(track.time_ns[0]) for track in truth.values() if len(track)), default=0)
+    calm = calm_ns(truth.values(), [*events, *decisions, *attacks])
+    view = recorded if calm is None else min(recorded, max(calm + (calm - start) // 25 + 2 * NS_PER_S, NS_PER_S))
     return Gathered(
         record=record,
         subject=subject,
         operator_inks={name: ink(colour) for name, colour in base_colours(operators(record)).items()},
-        truth=truth,
-        belief=belief,
+        truth={name: track.until(view) for name, track in truth.items()},
+        belief={name: track.until(view) for name, track in belief.items()},
         waypoints=uploaded(record),
         events=events,
-        decisions=happenings(record, "decisions"),
-        attacks=hostile_acts(record),
+        decisions=decisions,
+        attacks=attacks,
         links=link_stats(record),
         flights=flights(record, subject.fleet, truth, belief, events),
-        start_ns=min((int(track.time_ns[0]) for track in truth.values() if len(track)), default=0),
-        end_ns=end_ns(record, tracks),
+        start_ns=start,
+        end_ns=view,
+        recorded_ns=recorded,
     )

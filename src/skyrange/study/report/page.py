@@ -9,7 +9,7 @@ from importlib.resources import files
 from string import Template
 
 from skyrange.study import figures
-from skyrange.study.report import sections, timeline
+from skyrange.study.report import sections, timeline, words
 from skyrange.study.report.embedded import embed
 from skyrange.study.report.gathered import Gathered, gather
 from skyrange.study.series import Record
@@ -39,6 +39,7 @@ def render(record: Record) -> str:
         altitude=figures.draw_altitude(run.subject, run.truth).svg,
         gaps=sections.gaps(run),
         links=sections.links(run),
+        calm=timeline.calm(run),
         lanes=timeline.lanes(run),
         events=timeline.table([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
         decisions=timeline.table(run.decisions, run, "decisions", "Decisions of ground stations"),
@@ -52,11 +53,11 @@ def _panels(run: Gathered) -> str:
     cells = []
     for place, operator in enumerate(run.operator_inks):
         own = [vehicle for vehicle in run.fleet if vehicle.operator == operator]
-        heard = sum(len(run.belief[vehicle.id]) for vehicle in own)
+        heard = sum(flight.positions for flight in run.flights if flight.vehicle.operator == operator)
         still = figures.draw_boxes(run.subject, run.belief, [operator], "belief", titled=False)
         cells.append(
             f'<figure class="card panel" data-op="{place}"><figcaption><span class="swatch op-{place}"></span>'
-            f"<b>{escape(operator)}</b> <span class=dim>{len(own)} aircraft · {heard} positions received</span></figcaption>"
+            f"<b>{escape(operator)}</b> <span class=dim>{len(own)} aircraft · {words.count(heard)} positions received</span></figcaption>"
             f'<div class="still">{still.svg}</div></figure>'
         )
     return "".join(cells)

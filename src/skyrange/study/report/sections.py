@@ -63,7 +63,7 @@ def tiles(run: Gathered) -> str:
     """The run's numbers at a glance."""
     timings = run.manifest.get("timings") or {}
     wall = timings.get("wall_s")
-    simulated = float(run.manifest.get("simulated_s") or run.end_ns * 1e-9)
+    simulated = float(run.manifest.get("simulated_s") or run.recorded_ns * 1e-9)
     sent = sum(stats.sent for stats in run.links)
     delivered = sum(stats.delivered for stats in run.links)
     fingerprint = str((run.manifest.get("digests") or {}).get("fingerprint") or "")
@@ -138,7 +138,7 @@ def links(run: Gathered) -> str:
     """Totals by link kind, then every instance, folded by operator."""
     if not run.links:
         return _nothing("No link is on record.")
-    seconds = max(run.end_ns - min(run.start_ns, 0), 1) * 1e-9
+    seconds = max(run.recorded_ns - min(run.start_ns, 0), 1) * 1e-9
     roles = _roles(run.manifest)
     total = _link_table(summed(list(run.links)), roles, seconds, "All links by kind", whole=True)
     folds = []

@@ -16,13 +16,16 @@ MOST_MARKS = 400
 MOST_ROWS = 1_500
 """Rows of one table on the page."""
 
+HARD_MPS = 2.0
+"""A ground contact faster than this is marked red; ArduCopter's LAND_SPEED is 0.5 m/s by default."""
+
 _GLYPHS = {
     "event.armed": ("armed", "armed"),
     "event.disarmed": ("disarmed", "disarmed"),
     "event.takeoff": ("takeoff", "take-off"),
     "event.landed": ("landed", "landed"),
     "event.item_reached": ("item", "item reached"),
-    "event.contact": ("contact", "contact"),
+    "event.contact": ("contact", "ground contact"),
     "event.outcome": ("outcome", "mission outcome"),
 }
 _SHAPES = {
@@ -31,12 +34,24 @@ _SHAPES = {
     "takeoff": '<path d="M0 -6L6 5H-6z"/>',
     "landed": '<path d="M0 6L6 -5H-6z"/>',
     "item": '<path d="M0 -5L5 0L0 5L-5 0z"/>',
-    "contact": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
+    "contact": '<path d="M-4.5 4.5H4.5" class="stroke"/>',
+    "crash": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
     "outcome": '<path d="M-5 0L-1.5 4L5.5 -5" class="stroke good"/>',
     "failed": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
     "attack": '<path d="M0 -11V11" class="stroke alarm"/>',
     "other": '<circle r="2.6"/>',
 }
+
+
+def calm(run: Gathered) -> str:
+    """A sentence on where the views end, if the run went on without anything to see."""
+    if run.recorded_ns - run.end_ns < 0.05 * run.recorded_ns:
+        return ""
+    return (
+        f'<p class="lead">Nothing moved and nothing was noted in the last '
+        f"{words.duration((run.recorded_ns - run.end_ns) * 1e-9)} of {words.duration(run.recorded_ns * 1e-9)}; "
+        "the clock of this page stops there.</p>"
+    )
 
 
 def lanes(run: Gathered) -> str:
@@ -120,15 +135,23 @@ def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> st
 def _marks(run: Gathered, own: Sequence[Happening]) -> str:
     parts = []
     for row in [row for row in own if row.kind != "event.mode"][:MOST_MARKS]:
-        glyph = "attack" if row.kind.startswith("attack.") else _GLYPHS.get(row.kind, ("other", ""))[0]
-        if glyph == "outcome" and row.data.get("state") == "failed":
-            glyph = "failed"
+        glyph = _glyph(row)
         said = " ".join(f"{key} {value}" for key, value in row.data.items())
         parts.append(
             f'<svg x="{_part(run, row.time_ns)}%" y="13" overflow="visible" class="mark"><g>{_SHAPES[glyph]}'
             f"<title>{escape(row.kind)} at {row.time_ns * 1e-9:.2f} s {escape(said)}</title></g></svg>"
         )
     return "".join(parts)
+
+
+def _glyph(row: Happening) -> str:
+    if row.kind.startswith("attack."):
+        return "attack"
+    if row.kind == "event.outcome" and row.data.get("state") == "failed":
+        return "failed"
+    if row.kind == "event.contact" and float(row.data.get("speed_mps") or 0.0) > HARD_MPS:
+        return "crash"
+    return _GLYPHS.get(row.kind, ("other", ""))[0]
 
 
 def _axis(run: Gathered) -> str:

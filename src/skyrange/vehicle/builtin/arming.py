@@ -84,9 +84,8 @@ def idle_end(fleet: Fleet, craft: Craft) -> Time:
 
 
 def take_off(fleet: Fleet, craft: Craft, up: float) -> None:
-    """Climb to a height (above the origin) from where it is: from the ground with spool-up, or in flight."""
+    """Climb to a height (above the origin) from where it is, at the speeds in force: with spool-up, or in flight."""
     row, flight = craft.row, fleet.flight
-    fleet.limits(craft)
     flight["flags"][row] = flight["seen"][row] = 0
     flight["target_pos"][row, 2] = up
     flight["fast"][row] = 0

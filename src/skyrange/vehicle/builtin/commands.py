@@ -75,6 +75,7 @@ def _takeoff(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -
         return int(FAILED)
     craft.ready = True
     craft.target_causes = command.causes
+    fleet.limits(craft)
     take_off(fleet, craft, up)
     return int(ACCEPTED)
 

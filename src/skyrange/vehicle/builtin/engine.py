@@ -25,14 +25,14 @@ from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
 from skyrange.vehicle.builtin import commands, loop, mission_protocol, navigator, parameter_protocol, returning, targets
 from skyrange.vehicle.builtin.arming import disarm, idle_end
 from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Flag, zeros
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Control, Flag, zeros
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import SETTINGS, fill
 from skyrange.vehicle.builtin.telemetry import SERVICE_NS, STREAMS, Schedule, boot_rates
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 QUANTUM_S = 0.0025
-"""Time between ticks that the loops are written for: ArduCopter's 400 Hz."""
+"""The first step; later ones are as long as the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
 PHASE_STREAM = "vehicle.boot_phase"
 
 
@@ -109,6 +109,7 @@ class BuiltinFleet:
         for craft in crafts:
             boot_rates(self._schedule, self._fleet, craft)
         self._actuators = np.zeros((count, MOTORS))
+        self._last: Time | None = None
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Take the sensors and the mail of a tick, and act on both; the answer waits for `finish`."""
@@ -126,7 +127,9 @@ class BuiltinFleet:
         )
         for arrival in inbox:
             self._receive(arrival)
-        if loop.turn(fleet.estimate, fleet.flight, fleet.settings, self._actuators, QUANTUM_S):
+        dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
+        self._last = tick
+        if loop.turn(fleet.estimate, fleet.flight, fleet.settings, self._actuators, dt_s):
             self._act_on_flags()
         if tick % SERVICE_NS == 0:
             self._act_on_timers(tick)
@@ -217,6 +220,10 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
         navigator.on_flag(fleet, craft, flag)
     elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:
         returning.arrived(fleet, craft)
+    elif craft.mode == Mode.GUIDED and flag is Flag.CLIMBED:
+        flight, row = fleet.flight, craft.row
+        flight["target_pos"][row, :2] = flight["ref_pos"][row, :2]
+        fleet.fly(craft, Control.POSITION)
 
 
 def _on_hold(fleet: Fleet, craft: Craft) -> None:

@@ -107,7 +107,7 @@ def _rise(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> None:
 
 @kernel
 def _touch(e: Any, f: Any, dt_s: float) -> None:
-    """Landed is least throttle, still and level for a second; crashed is two seconds far from the attitude asked for."""
+    """Landed: least throttle, still and level for a second. Crashed: two seconds far from the wanted attitude."""
     rc = 1.0 / (2.0 * math.pi * _LAND_FILTER_HZ)
     size = 0.0
     for axis in range(3):

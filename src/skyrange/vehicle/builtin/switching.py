@@ -88,6 +88,7 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     if armed and not fleet.landed(craft):
         _ENTER[mode](fleet, craft)
     elif armed:
+        fleet.limits(craft)
         fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is off
         if mode == Mode.LAND:
             fleet.timer(craft, Timer.LANDED, fleet.now + from_seconds(fleet.param(craft, "MOT_SPOOL_TIME")))

@@ -50,8 +50,9 @@ const buildPanel = (figure) => {
     ctx.textBaseline = "middle";
     const label = (p, away, text) => {
       const a = put(p), c = put([middle[0], middle[1], low[2]]), l = Math.hypot(a[0] - c[0], a[1] - c[1]) || 1;
-      ctx.textAlign = "center";
-      ctx.fillText(text, a[0] + (a[0] - c[0]) / l * away, a[1] + Math.abs(a[1] - c[1]) / l * away + 5);
+      const side = (a[0] - c[0]) / l;
+      ctx.textAlign = away < 20 || Math.abs(side) < 0.35 ? "center" : side > 0 ? "left" : "right";
+      ctx.fillText(text, a[0] + side * away, a[1] + Math.abs(a[1] - c[1]) / l * away + 5);
     };
     for (const e of each(0)) {
       line([e, nearN, low[2]], [e, farN, low[2]], [e, farN, high[2]]);
@@ -73,8 +74,8 @@ const buildPanel = (figure) => {
     for (const [e, n] of [[farE, farN], [nearE, farN], [farE, nearN]]) line([e, n, low[2]], [e, n, high[2]]);
     line([nearE, farN, high[2]], [farE, farN, high[2]], [farE, nearN, high[2]]);
     ctx.fillStyle = theme.ink0;
-    label([middle[0], nearN, low[2]], 42, "east, m");
-    label([nearE, middle[1], low[2]], 42, "north, m");
+    label([middle[0], nearN, low[2]], 36, "east, m");
+    label([nearE, middle[1], low[2]], 36, "north, m");
     const top = put([...corner, high[2]]);
     ctx.textAlign = "center";
     ctx.fillText("up, m", top[0], top[1] - 12);

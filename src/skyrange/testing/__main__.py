@@ -1,0 +1,38 @@
+"""Which rules are there? `python -m skyrange.testing` prints the reference page, docs/reference/conformance.md."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skyrange.testing.agents import AGENT
+from skyrange.testing.approvals import APPROVAL
+from skyrange.testing.engines import ENGINE
+from skyrange.testing.rules import RuleBook
+from skyrange.testing.taps import TAP
+
+BOOKS: dict[str, RuleBook[Any]] = {
+    "Agents: `check_agent`": AGENT,
+    "Taps: `check_tap`": TAP,
+    "Autopilot engines: `check_engine`": ENGINE,
+    "Approvals: `check_approval`": APPROVAL,
+}
+_HEAD = """\
+# Conformance rules
+
+What `skyrange.testing` checks, in the order in which it does. `NonConformance` names the rule that is broken, who broke
+it, what was seen and what was expected. How to run the checks: [write a plugin](../how-to/write-a-plugin.md). This page
+is printed by `python -m skyrange.testing`.
+"""
+
+
+def page() -> str:
+    """The reference page, in Markdown."""
+    parts = [_HEAD]
+    for title, book in BOOKS.items():
+        rows = "".join(f"| `{rule.id}` | {rule.statement} |\n" for rule in book.rules)
+        parts.append(f"## {title}\n\n| rule | a component that keeps it |\n|---|---|\n{rows}")
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    print(page(), end="")

@@ -1,0 +1,191 @@
+"""Does an approval keep its contract? (`skyrange.utm.contract.Approval`)"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import NS_PER_S, Epoch, Time
+from skyrange.core.volumes import Volume4D
+from skyrange.testing.driving import copied
+from skyrange.testing.purity import Call, plainly, watched
+from skyrange.testing.rules import Broken, RuleBook, need, same, short
+from skyrange.utm.contract import Approval, Decision, Intent, intent_id
+from skyrange.utm.messages import MAX_VERTICES, MAX_VOLUMES, DecisionBody, Response, decode_response, encode
+
+EPOCH = Epoch(1_767_268_800 * NS_PER_S)
+"""2026-01-01T12:00:00Z, where the check's requests lie in UTC."""
+DAY_S = 86_400
+
+APPROVAL: RuleBook[ApprovalCase] = RuleBook("approval")
+
+Asked = tuple[Time, Intent]
+
+
+@dataclass
+class ApprovalCase:
+    """An approval to be checked: how a fresh one is made, and what it is asked."""
+
+    make: Callable[[], Approval]
+    asked: Sequence[Asked]
+
+
+def check_approval(
+    make: Callable[[], Approval], *, requests: Sequence[Asked] | None = None, name: str | None = None
+) -> None:
+    """Check that the approvals which `make` returns keep every rule of `APPROVAL`.
+
+    Each call of `make` returns a fresh approval, all alike. `requests` are (now, intent) in order of
+    arrival; by default `ordinary()`. Raises `NonConformance` at the first broken rule; `name` stands in
+    it for the approval's class.
+    """
+    case = ApprovalCase(make, ordinary() if requests is None else requests)
+    APPROVAL.check(f"approval {name or type(make()).__name__}", case)
+
+
+def box(
+    north_deg: float, east_deg: float, *, size_deg: float = 0.001, lower_m: float = 20.0, start_s: float = 60.0
+) -> Volume4D:
+    """A square prism 40 m high that is claimed for two minutes."""
+    ring = (
+        (north_deg, east_deg),
+        (north_deg, east_deg + size_deg),
+        (north_deg + size_deg, east_deg + size_deg),
+        (north_deg + size_deg, east_deg),
+    )
+    start = round(start_s * NS_PER_S)
+    return Volume4D(ring, lower_m, lower_m + 40.0, start, start + 120 * NS_PER_S)
+
+
+def ordinary() -> list[Asked]:
+    """Requests of two operators over one city: apart, overlapping in space, in time, in both; a second version."""
+    lat, lon = 40.778, -73.955
+    plans = [
+        ("blue/b1", (box(lat, lon), box(lat + 0.001, lon))),
+        ("green/g1", (box(lat + 0.01, lon + 0.01),)),
+        ("green/g2", (box(lat + 0.0005, lon + 0.0005),)),
+        ("green/g3", (box(lat, lon, start_s=600.0),)),
+        ("blue/b2", (box(lat, lon, lower_m=100.0),)),
+        ("blue/b3", (box(lat, lon), box(lat, lon))),
+    ]
+    asked = [
+        (number * NS_PER_S, Intent(intent_id(vehicle), vehicle.split("/")[0], vehicle, volumes))
+        for number, (vehicle, volumes) in enumerate(plans)
+    ]
+    asked.append((20 * NS_PER_S, Intent(intent_id("blue/b1", 1), "blue", "blue/b1", (box(lat, lon),), 100)))
+    return asked
+
+
+def extreme() -> list[Asked]:
+    """Requests that are valid and unlikely: poles, antimeridian, slivers, knots, giants, long ago, far ahead, many."""
+    rim = tuple(
+        (40.0 + math.sin(2 * math.pi * k / MAX_VERTICES), -74.0 + math.cos(2 * math.pi * k / MAX_VERTICES))
+        for k in range(MAX_VERTICES)
+    )
+    soon, later = 60 * NS_PER_S, 120 * NS_PER_S
+    volumes: list[tuple[Volume4D, ...]] = [
+        (Volume4D(((90.0, -180.0), (90.0, 0.0), (90.0, 180.0)), 0.0, 1.0, soon, later),),
+        (Volume4D(((10.0, 179.999), (10.0, -179.999), (10.001, -179.999), (10.001, 179.999)), 0.0, 1.0, soon, later),),
+        (Volume4D(((-90.0, -180.0), (-90.0, 180.0), (90.0, 180.0), (90.0, -180.0)), -8e3, 1e5, soon, later),),
+        (Volume4D(((1.0, 1.0), (1.0, 1.0), (1.0, 1.0)), 0.0, 1e-9, soon, soon + 1_000),),
+        (Volume4D(((0.0, 0.0), (0.0, 1.0), (0.0, 2.0)), 0.0, 1.0, soon, later),),
+        (Volume4D(((0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (1.0, 0.0)), 0.0, 1.0, soon, later),),
+        (Volume4D(rim, 0.0, 100.0, soon, later),),
+        (box(40.0, -74.0, start_s=-365.0 * DAY_S),),
+        (box(40.0, -74.0, start_s=100 * 365.0 * DAY_S),),
+        tuple(box(40.0 + 1e-4 * k, -74.0, start_s=60.0 + k) for k in range(MAX_VOLUMES)),
+    ]
+    return [
+        (number, Intent(intent_id(f"blue/x{number}"), "blue", f"blue/x{number}", claim, 1_000 * (number % 2)))
+        for number, claim in enumerate(volumes)
+    ]
+
+
+@APPROVAL.rule("decides", "Answers every valid request with a Decision.")
+def _decides(case: ApprovalCase) -> None:
+    _ask(case.make(), case.asked)
+
+
+@APPROVAL.rule("says-why", "Accepts with an OVN and no alternatives, or rejects with a reason.")
+def _says_why(case: ApprovalCase) -> None:
+    for decision in _ask(case.make(), case.asked):
+        if decision.accepted:
+            need(bool(decision.ovn), f"accepted with {short(decision)}", "an OVN that names the accepted version")
+            need(not decision.alternatives, f"accepted with {short(decision)}", "no alternatives to what is accepted")
+        else:
+            need(bool(decision.reason), f"rejected with {short(decision)}", "a reason")
+
+
+@APPROVAL.rule("alternatives", "Offers alternatives that can be asked for: on the globe, and not over before now.")
+def _alternatives(case: ApprovalCase) -> None:
+    for (now, _), decision in zip(case.asked, _ask(case.make(), case.asked), strict=True):
+        for volume in decision.alternatives:
+            need(isinstance(volume, Volume4D), f"offered {short(volume)}", "a Volume4D")
+            corners = all(abs(lat) <= 90.0 and abs(lon) <= 180.0 for lat, lon in volume.outline)  # not NaN either
+            need(corners, f"offered the outline {short(volume.outline)}", "degrees within ±90 and ±180")
+            need(volume.end_ns > now, f"offered {volume.end_ns} ns as an end, at {now}", "a volume that is not over")
+
+
+@APPROVAL.rule("sendable", "Makes decisions that go over the approval link and come out as they were.")
+def _sendable(case: ApprovalCase) -> None:
+    for (_, intent), decision in zip(case.asked, _ask(case.make(), case.asked), strict=True):
+        try:
+            response = Response.of(intent.id, decision, EPOCH)
+            back = decode_response(encode(response)).body
+        except (ValueError, TypeError, DecodeError, OverflowError) as error:
+            raise Broken(f"{short(decision)} cannot be sent: {error}", "a decision that the message holds") from error
+        assert isinstance(back, DecisionBody)
+        same(decision.reason, back.reason, "the reason, said and sent, differs", "at most 256 characters")
+
+
+@APPROVAL.rule("repeatable", "Gives the same answers in two fresh instances asked the same in the same order.")
+def _repeatable(case: ApprovalCase) -> None:
+    first, second = (_ask(case.make(), case.asked) for _ in range(2))
+    same(first, second, "two instances differ", "the same from the same inputs")
+
+
+@APPROVAL.rule("idempotent", "Answers a request that comes again at once as before: an intent is not its own obstacle.")
+def _idempotent(case: ApprovalCase) -> None:
+    approval = case.make()
+    for now, intent in case.asked:
+        first, again = _ask(approval, [(now, intent), (now, intent)])
+        same(first, again, f"{intent.vehicle} asks twice and gets two answers", "the same answer")
+
+
+@APPROVAL.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+def _pure(case: ApprovalCase) -> None:
+    _ask(case.make(), case.asked)
+    _ask(case.make(), case.asked, watched)
+
+
+@APPROVAL.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+def _copies(case: ApprovalCase) -> None:
+    straight = _ask(case.make(), case.asked)
+    for middle in range(len(case.asked)):
+        trunk = case.make()
+        _ask(trunk, case.asked[:middle])
+        branch = copied(trunk)
+        rest, expected = straight[middle:], "a copy that goes on alike, and an original that does not notice"
+        same(rest, _ask(branch, case.asked[middle:]), "the straight run and the copy differ", expected)
+        same(rest, _ask(trunk, case.asked[middle:]), "the copy's life shows in the original", expected)
+
+
+@APPROVAL.rule("extreme", "Decides on every valid volume, however unlikely, and goes on deciding afterwards.")
+def _extreme(case: ApprovalCase) -> None:
+    _ask(case.make(), [*extreme(), *case.asked])
+
+
+def _ask(approval: Approval, asked: Sequence[Asked], call: Call = plainly) -> list[Decision]:
+    decisions = []
+    for now, intent in asked:
+        try:
+            decision = call(approval.decide, now, intent)
+        except Broken:
+            raise
+        except Exception as error:
+            raise Broken(f"decide({now}, {short(intent)}) raised {error!r}", "a Decision") from error
+        need(isinstance(decision, Decision), f"answered {short(intent)} with {short(decision)}", "a Decision")
+        decisions.append(decision)
+    return decisions

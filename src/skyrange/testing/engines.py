@@ -1,0 +1,309 @@
+"""Does an autopilot engine keep its contract? (`skyrange.agent.contracts.Engine`)"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+
+from skyrange.agent.contracts import Engine, Finished, InstanceStatus, World
+from skyrange.codec.mavlink import Packer, dialect
+from skyrange.core.chance import Chance
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import Port, owner_of
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.testing import agents
+from skyrange.testing.driving import copied
+from skyrange.testing.flying import Flight
+from skyrange.testing.form import Said, check_causes, check_departures, check_notes
+from skyrange.testing.hostile import forged, garbage, siege, spoiled
+from skyrange.testing.mail import Letter, post
+from skyrange.testing.purity import watched
+from skyrange.testing.rules import RuleBook, need, same, short
+from skyrange.vehicle.spec import VehicleSpec
+from skyrange.world import Body
+from skyrange.world import World as Bodies
+
+ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
+EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
+CHANCE = Chance(7)
+FLEET = tuple(
+    VehicleSpec(vehicle=vehicle, system_id=system, airframe="iris", home_enu_m=(east, north, 0.0), heading_deg=heading)
+    for vehicle, system, east, north, heading in (
+        ("blue/b1", 1, 5.0, 5.0, 0.0),
+        ("blue/b2", 2, 10.0, 0.0, 90.0),
+        ("green/g1", 1, -5.0, -10.0, 200.0),
+        ("green/g2", 2, -15.0, 0.0, 359.0),
+    )
+)
+"""The aircraft that an engine is checked with."""
+
+ENGINE: RuleBook[EngineCase] = RuleBook("engine")
+
+Factory = Callable[[str, Sequence[VehicleSpec], Origin, Epoch, Chance], Engine]
+"""What an autopilot registers: `factory(name, specs, origin, epoch, chance)`."""
+
+
+def open_field(specs: Sequence[VehicleSpec]) -> World:
+    """The shipped world: bodies at their homes, no wind, no city."""
+    return Bodies([Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], 0.0, s.heading_deg) for s in specs])
+
+
+@dataclass
+class EngineCase:
+    """An engine to be checked: its factory, its aircraft, their world and mail, how long it is flown."""
+
+    factory: Factory
+    specs: Sequence[VehicleSpec]
+    world: Callable[[Sequence[VehicleSpec]], World]
+    letters: Sequence[Letter] | None
+    until: Time
+
+    def make(self, specs: Sequence[VehicleSpec] | None = None, name: str = "checked") -> Engine:
+        """A fresh engine for some of the aircraft, or for all."""
+        return self.factory(name, list(self.specs if specs is None else specs), ORIGIN, EPOCH, CHANCE)
+
+    @cached_property
+    def friendly(self) -> list[Letter]:
+        """The friendly mail."""
+        return take_off(self.make().ports, self.specs) if self.letters is None else list(self.letters)
+
+    @cached_property
+    def repeats(self) -> bool:
+        """Whether the engine says that it repeats to the byte."""
+        return self.make().repeatable == "bytes"
+
+    def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
+        """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
+        parts = [self.specs[:cut], self.specs[cut:]] if cut else [self.specs]
+        engines = [self.make(part, f"checked {number}") for number, part in enumerate(parts)]
+        return Flight(engines, self.world(self.specs), post([*self.friendly, *hostile]))
+
+    def besiege(self, payloads: Sequence[bytes]) -> Flight:
+        """A flight with hostile payloads on every port."""
+        begin = self.until // 10
+        spacing = max(NS_PER_MS, (self.until - 2 * begin) // (len(payloads) // 16 + 1))
+        return self.flight(hostile=siege(payloads, self.make().ports, begin, spacing, 16))
+
+
+def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[Letter]:
+    """What a ground station says to fly a MAVLink copter: heartbeats, GUIDED, arm, take off to 5 m, ask for telemetry."""
+    letters = []
+    for spec in specs:
+        system = spec.system_id
+        port = next((port for port in ports if owner_of(port.endpoint) == spec.vehicle), None)
+        if port is None:
+            continue
+        packer = Packer(255, 190)
+
+        def command(number: int, *params: float, system: int = system) -> object:
+            seven = [*params, *([0.0] * (7 - len(params)))]
+            return dialect.MAVLink_command_long_message(system, 1, number, 0, *seven)
+
+        script = [(second * 1_000, dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)) for second in range(10)]
+        script += [
+            (200, command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 200_000.0)),
+            (300, command(dialect.MAV_CMD_DO_SET_MODE, 1.0, 4.0)),
+            (400, command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)),
+            (500, command(dialect.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0)),
+        ]
+        letters += [Letter(at * NS_PER_MS, port, packer.pack(message)) for at, message in script]
+    return letters
+
+
+def check_engine(
+    factory: Factory,
+    *,
+    specs: Sequence[VehicleSpec] = FLEET,
+    world: Callable[[Sequence[VehicleSpec]], World] = open_field,
+    mail: Sequence[Letter] | None = None,
+    until: Time = 5 * NS_PER_S,
+    name: str | None = None,
+) -> None:
+    """Check that the engines which `factory` makes keep every rule of `ENGINE`.
+
+    `factory` is what is registered: it is called with a name, some or all of `specs` (at least two), an
+    origin, an epoch and chance. `world(specs)` makes the world they fly in, for `until` ns. `mail` is
+    what a friendly peer would send; by default that of `take_off`. An engine that does not repeat to
+    the byte is not asked for `repeatable`, `split`, `pure` and `copies`. Raises `NonConformance` at the
+    first broken rule; `name` stands in it for the factory's.
+    """
+    who = name or getattr(factory, "__name__", type(factory).__name__)
+    ENGINE.check(f"engine {who}", EngineCase(factory, specs, world, mail, until))
+
+
+@ENGINE.rule("declares", "Has a name, a clock, a repeatability and a pre-roll of 0 ns or more.")
+def _declares(case: EngineCase) -> None:
+    engine = case.make()
+    need(isinstance(engine.name, str) and bool(engine.name), f"name is {engine.name!r}", "text")
+    need(engine.clock in ("lockstep", "wall"), f"clock is {engine.clock!r}", "lockstep or wall")
+    need(engine.repeatable in ("bytes", "outcome"), f"repeatable is {engine.repeatable!r}", "bytes or outcome")
+    preroll = engine.preroll_ns
+    need(isinstance(preroll, int) and preroll >= 0, f"preroll_ns is {preroll!r}", "an int of 0 or more nanoseconds")
+
+
+@ENGINE.rule("vehicles", "Lists the vehicles it was made for, in that order, and ports of theirs, each once.")
+def _vehicles(case: EngineCase) -> None:
+    for specs in (case.specs, case.specs[1:], case.specs[:1]):
+        engine = case.make(specs)
+        vehicles, ports = list(engine.vehicles), tuple(engine.ports)
+        wanted = [spec.vehicle for spec in specs]
+        need(vehicles == wanted, f"vehicles are {vehicles}", f"{wanted}")
+        need(all(isinstance(port, Port) for port in ports), f"ports are {short(ports)}", "a sequence of Port")
+        need(len(set(ports)) == len(ports), f"ports are {short(ports)}", "each port once")
+        owners = {owner_of(port.endpoint) for port in ports}
+        need(owners == set(wanted), f"ports belong to {sorted(owners)}", "at least one port of each vehicle, no other")
+
+
+@ENGINE.rule("service", "Serves its ports at a whole multiple of the world's quantum, as mail comes only then.")
+def _service(case: EngineCase) -> None:
+    service, quantum = case.make().service_ns, case.world(case.specs).quantum_ns
+    whole = isinstance(service, int) and service > 0 and service % quantum == 0
+    need(whole, f"service_ns is {service!r}", f"a multiple of the quantum, {quantum} ns")
+
+
+@ENGINE.rule("finishes", "Answers every tick with a Finished that holds a whole Outbox.")
+def _finishes(case: EngineCase) -> None:
+    case.flight().fly(case.until)
+
+
+@ENGINE.rule("steps", "Puts departures and notes in lists, never a generator.")
+def _steps(case: EngineCase) -> None:
+    case.flight().fly(case.until // 5)
+
+
+@ENGINE.rule(
+    "actuators", "Commands motors by a float64 row per vehicle, every number finite and in 0…1, always as many."
+)
+def _actuators(case: EngineCase) -> None:
+    shapes: set[tuple[int, ...]] = set()
+    case.flight().fly(case.until, look=lambda _, finished, __: shapes.add(finished.actuators.shape))
+    need(len(shapes) == 1, f"actuators had the shapes {sorted(shapes)}", "one shape")
+
+
+@ENGINE.rule(
+    "status",
+    "Tells the state of each vehicle (booting, ready, silent, dead), and has all of them ready after its pre-roll.",
+)
+def _status(case: EngineCase) -> None:
+    flight = case.flight().fly(0)
+    lost = (InstanceStatus.SILENT, InstanceStatus.DEAD)
+    for vehicle, ticks in flight.ticks.items():
+        gone = [tick for tick in ticks if tick.status in lost]
+        need(not gone, f"{vehicle} is {gone[0].status if gone else None} in fair weather", "an answer at every tick")
+        need(
+            ticks[-1].status is InstanceStatus.READY,
+            f"{vehicle} is {ticks[-1].status} at 0",
+            "ready after the pre-roll",
+        )
+
+
+@ENGINE.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")
+def _departures(case: EngineCase) -> None:
+    case.flight().fly(case.until, look=lambda engine, _, contents: check_departures(contents, tuple(engine.ports)))
+
+
+@ENGINE.rule(
+    "notes", "Notes `decision.…` or `event.…` about its vehicles, with finite scalars and texts of up to 4096."
+)
+def _notes(case: EngineCase) -> None:
+    case.flight().fly(case.until, look=_check_notes)
+
+
+@ENGINE.rule("causes", "Names as causes only frames that it has received.")
+def _causes(case: EngineCase) -> None:
+    flight = case.flight()
+    flight.fly(case.until, look=lambda _, __, contents: check_causes(contents, flight.received))
+
+
+@ENGINE.rule("sensors", "Reads the sensors of a tick only until it has finished it, and never writes to them.")
+def _sensors(case: EngineCase) -> None:
+    kept, spoilt = case.flight().fly(case.until), case.flight().fly(case.until, scramble=True)
+    if case.repeats:
+        _same(kept, spoilt, "what it does depends on sensors of an earlier tick", "copies of what is to be kept")
+
+
+@ENGINE.rule("repeatable", "Repeats to the byte, where it says so: the same mail and sensors, the same answers.")
+def _repeatable(case: EngineCase) -> None:
+    if case.repeats:
+        first, second = (case.flight().fly(case.until) for _ in range(2))
+        _same(first, second, "two instances differ", "the same from the same inputs")
+
+
+@ENGINE.rule("split", "Says and does the same for each aircraft whether the fleet is in one engine or in two.")
+def _split(case: EngineCase) -> None:
+    if case.repeats:
+        whole = case.flight().fly(case.until)
+        for cut in {1, len(case.specs) // 2}:
+            parts = case.flight(cut).fly(case.until)
+            _same(whole, parts, f"in one engine and split before row {cut}", "the same bytes for each aircraft")
+
+
+@ENGINE.rule("order", "Keeps begin and finish apart: engines may be finished in any order once all have begun.")
+def _order(case: EngineCase) -> None:
+    cut = len(case.specs) // 2
+    forward, backward = case.flight(cut).fly(case.until), case.flight(cut).fly(case.until, backwards=True)
+    if case.repeats:
+        _same(forward, backward, "finishing in the other order changes it", "engines that share nothing")
+
+
+@ENGINE.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+def _pure(case: EngineCase) -> None:
+    if case.repeats:
+        case.flight().fly(case.until)
+        case.flight().fly(case.until, call=watched)
+
+
+@ENGINE.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+def _copies(case: EngineCase) -> None:
+    if not case.repeats:
+        return
+    straight = case.flight().fly(case.until)
+    trunk = case.flight().fly(case.until // 2)
+    branch = copied(trunk)
+    expected = "a copy that goes on alike, and an original that does not notice"
+    _same(straight, branch.fly(case.until), "the straight run and the copy differ", expected)
+    _same(straight, trunk.fly(case.until), "the copy's life shows in the original", expected)
+
+
+@ENGINE.rule("hostile", "Survives any bytes on any port, garbage and well-formed nonsense, and keeps its form.")
+def _hostile(case: EngineCase) -> None:
+    systems = sorted({0, *(spec.system_id for spec in case.specs)})
+    for payloads in ([*garbage(), *spoiled(case.friendly)], list(forged(systems))):
+        flight = case.besiege(payloads)
+
+        def look(engine: Engine, finished: Finished, contents: Said, flight: Flight = flight) -> None:
+            check_departures(contents, tuple(engine.ports))
+            _check_notes(engine, finished, contents)
+            check_causes(contents, flight.received)
+
+        flight.fly(case.until, look=look)
+
+
+@ENGINE.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
+def _modest(case: EngineCase) -> None:
+    payloads = [payload for payload in garbage() if len(payload) <= agents.MAX_ANSWER_BYTES]
+    frames = len(payloads) * len(case.make().ports)
+    received = sum(map(len, payloads)) * len(case.make().ports)
+    agents.check_modest(
+        _volume(case.flight().fly(case.until)), _volume(case.besiege(payloads).fly(case.until)), frames, received
+    )
+
+
+def _check_notes(engine: Engine, finished: Finished, contents: Said) -> None:
+    check_notes(contents)
+    for note in contents[1]:
+        need(note.about in engine.vehicles, f"{note.kind} is about {note.about!r}", "one of its vehicles")
+
+
+def _same(first: Flight, second: Flight, what: str, expected: str) -> None:
+    for vehicle, ticks in first.ticks.items():
+        same(ticks, second.ticks[vehicle], f"{vehicle}: {what}", expected)
+
+
+def _volume(flight: Flight) -> agents.Volume:
+    """Departures, notes, bytes."""
+    ticks = [tick for some in flight.ticks.values() for tick in some]
+    departures = [departure for tick in ticks for departure in tick.departures]
+    return len(departures), sum(len(tick.notes) for tick in ticks), sum(len(d.payload) for d in departures)

@@ -1,0 +1,178 @@
+"""How is an engine flown as a kernel would fly it? World, sensors, mail and ticks, one or more engines at once."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Engine, Finished, InstanceStatus, Sensors, World
+from skyrange.agent.messages import EMPTY_INBOX, Arrival, Departure, Inbox, Note
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import Time, ceil_to
+from skyrange.testing.form import Said, said
+from skyrange.testing.purity import Call, plainly
+from skyrange.testing.rules import Broken, short
+
+WALL_DEADLINE_S = 5.0
+"""What the kernel allows an engine for one tick by default."""
+_ARRAYS = tuple(Sensors.__dataclass_fields__)
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """What one vehicle did in one tick."""
+
+    now: Time
+    actuators: bytes
+    departures: tuple[Departure, ...]
+    notes: tuple[Note, ...]
+    status: InstanceStatus
+
+
+@dataclass
+class Flight:
+    """Engines in a world, with their mail; a deep copy of it is an independent continuation."""
+
+    engines: Sequence[Engine]
+    world: World
+    arrivals: Sequence[Arrival]
+    at: Time = field(init=False)
+    """The next tick."""
+    taken: int = 0
+    received: set[FrameId] = field(default_factory=set)
+    ticks: dict[str, list[Tick]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.at = -ceil_to(max(engine.preroll_ns for engine in self.engines), self.world.quantum_ns)
+        self._rows = list(_rows_of(self.engines))
+        self._boxes: dict[int, list[Arrival]] = {number: [] for number in range(len(self.engines))}
+
+    def fly(
+        self,
+        until: Time,
+        *,
+        call: Call = plainly,
+        backwards: bool = False,
+        scramble: bool = False,
+        look: Callable[[Engine, Finished, Said], None] | None = None,
+    ) -> Flight:
+        """Tick up to `until`; returns itself.
+
+        `backwards` finishes the engines in the opposite order; `scramble` spoils the sensors that were
+        handed over once the tick is finished; `look` is shown what each engine hands back.
+        """
+        numbers = list(range(len(self.engines)))
+        while self.at <= until:
+            now = self.at
+            self.world.advance(now)
+            while self.taken < len(self.arrivals) and self.arrivals[self.taken].at <= now:
+                arrival = self.arrivals[self.taken]
+                self._boxes[self._owner(arrival.port)].append(arrival)
+                self.taken += 1
+            handed = [self._begin(number, now, call) for number in numbers]
+            for number in reversed(numbers) if backwards else numbers:
+                self._finish(number, now, call, look)
+            for given, kept in handed:
+                _check_untouched(given, kept)
+                if scramble:
+                    for name in _ARRAYS:
+                        getattr(given, name).fill(np.nan)
+            self.at += self.world.quantum_ns
+        return self
+
+    def _owner(self, port: Port) -> int:
+        return next(number for number, engine in enumerate(self.engines) if port in tuple(engine.ports))
+
+    def _begin(self, number: int, now: Time, call: Call) -> tuple[Sensors, Sensors]:
+        engine = self.engines[number]
+        inbox = EMPTY_INBOX
+        if self._boxes[number] and now % engine.service_ns == 0:
+            inbox = Inbox(self._boxes[number])
+            self._boxes[number] = []
+            self.received |= {arrival.ref for arrival in inbox}
+        given, kept = (_copy(self.world.sensors(self._rows[number])) for _ in range(2))
+        try:
+            call(engine.begin, now, given, inbox)
+        except Broken:
+            raise
+        except Exception as error:
+            mail = short(inbox.payloads)
+            raise Broken(f"begin({now}) with mail {mail} raised {error!r}", "no error, whatever arrived") from error
+        return given, kept
+
+    def _finish(
+        self, number: int, now: Time, call: Call, look: Callable[[Engine, Finished, Said], None] | None
+    ) -> None:
+        engine = self.engines[number]
+        try:
+            finished = call(engine.finish, now, WALL_DEADLINE_S)
+        except Broken:
+            raise
+        except Exception as error:
+            raise Broken(f"finish({now}) raised {error!r}", "a Finished") from error
+        if not isinstance(finished, Finished):
+            raise Broken(f"finished with {short(finished)}", "a Finished", "finishes")
+        contents = said(finished.outbox)
+        check_finished(engine, finished)
+        if look is not None:
+            look(engine, finished, contents)
+        self.world.actuate(self._rows[number], finished.actuators)
+        self._keep(engine, now, finished, contents)
+
+    def _keep(self, engine: Engine, now: Time, finished: Finished, contents: Said) -> None:
+        owner = {port: engine.vehicles[row] for row, port in _owned(engine)}
+        for row, vehicle in enumerate(engine.vehicles):
+            departures = tuple(d for d in contents[0] if owner.get(d.port) == vehicle)
+            notes = tuple(note for note in contents[1] if note.about == vehicle)
+            status = InstanceStatus.READY if finished.status is None else finished.status[row]
+            tick = Tick(now, finished.actuators[row].tobytes(), departures, notes, status)
+            self.ticks.setdefault(vehicle, []).append(tick)
+
+
+def check_finished(engine: Engine, finished: Finished) -> None:
+    """`Broken` (rules `actuators`, `status`) unless rows, range and status are those of the engine's vehicles."""
+    count = len(engine.vehicles)
+    actuators = finished.actuators
+    expected = f"a float64 array of shape ({count}, motors), each finite and in 0…1"
+    proper = isinstance(actuators, np.ndarray) and actuators.dtype == np.float64 and actuators.ndim == 2
+    if not proper or actuators.shape[0] != count:
+        what = f"{actuators.dtype} {actuators.shape}" if isinstance(actuators, np.ndarray) else short(actuators)
+        raise Broken(f"actuators are {what}", expected, "actuators")
+    if not bool(np.all((actuators >= 0.0) & (actuators <= 1.0))):  # a NaN is neither
+        raise Broken(f"actuators are {short(actuators.tolist())}", expected, "actuators")
+    status = finished.status
+    if status is None:
+        return
+    expected = f"None, or an InstanceStatus for each of {count} vehicles"
+    whole = isinstance(status, list | tuple) and len(status) == count
+    if not whole or not all(isinstance(one, InstanceStatus) for one in status):
+        raise Broken(f"status is {short(status)}", expected, "status")
+
+
+def _rows_of(engines: Sequence[Engine]) -> list[NDArray[np.int64]]:
+    ends = list(itertools.accumulate((len(engine.vehicles) for engine in engines), initial=0))
+    return [np.arange(begin, end, dtype=np.int64) for begin, end in itertools.pairwise(ends)]
+
+
+def _owned(engine: Engine) -> list[tuple[int, Port]]:
+    """(row, port): an endpoint belongs to the vehicle that its name begins with."""
+    return [
+        (row, port)
+        for row, vehicle in enumerate(engine.vehicles)
+        for port in engine.ports
+        if port.endpoint.rsplit(".", 1)[0] == vehicle
+    ]
+
+
+def _copy(sensors: Sensors) -> Sensors:
+    return Sensors(*(np.array(getattr(sensors, name)) for name in _ARRAYS))
+
+
+def _check_untouched(given: Sensors, kept: Sensors) -> None:
+    for name in _ARRAYS:
+        if not np.array_equal(getattr(given, name), getattr(kept, name), equal_nan=True):
+            raise Broken(f"changed the sensors' {name}", "sensors left as they are", "sensors")

@@ -1,0 +1,263 @@
+"""Does a tap keep its contract? (`skyrange.agent.contracts.Tap`)"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from skyrange.agent.contracts import Tap
+from skyrange.agent.frames import Fate, Frame
+from skyrange.agent.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.testing.driving import MAX_WAKEUPS_PER_S, check_wakeup, copied
+from skyrange.testing.form import MAX_PAYLOAD_BYTES
+from skyrange.testing.hostile import forged, garbage
+from skyrange.testing.purity import Call, plainly, watched
+from skyrange.testing.rules import Broken, RuleBook, need, same, short
+
+LATE_NS = 1_300 * NS_PER_MS
+MAX_INJECTS = 64
+"""Frames that a tap may put on its link in answer to one frame or one wake-up."""
+LINK = "gcs:blue/b1"
+"""The link instance that a tap is checked on, unless told otherwise."""
+_ENDS = ("blue.gcs", "blue/b1.companion")
+_SLOTS = [slot for slot in Frame.__slots__ if slot not in ("fate", "arrived_ns")]
+
+TAP: RuleBook[TapCase] = RuleBook("tap")
+
+Moment = tuple[Time, FrameId | None, tuple[Verdict, ...], Time | None]
+"""When, on which frame (`None`: a wake-up), the verdicts, the next wake-up."""
+
+
+@dataclass
+class TapCase:
+    """A tap to be checked: how a fresh one is made for a link, what passes there, how long it is driven."""
+
+    make: Callable[[str], Tap]
+    link: str
+    payloads: Sequence[bytes]
+    until: Time
+
+    def frames(self, payloads: Sequence[bytes] | None = None) -> list[Frame]:
+        """Fresh frames in both directions by turns, spread over the time, the second half of each pair late by 3 ms."""
+        chosen = self.payloads if payloads is None else payloads
+        made = []
+        for number, payload in enumerate(chosen):
+            direction, (src, dst) = ("fwd", _ENDS) if number % 2 == 0 else ("rev", _ENDS[::-1])
+            sent = number * self.until // max(1, len(chosen))
+            made.append(Frame(self.link, direction, src, number // 2, src, dst, sent, payload))
+        return made
+
+
+def check_tap(
+    make: Callable[[str], Tap],
+    *,
+    link: str = LINK,
+    payloads: Sequence[bytes] = (),
+    until: Time = 10 * NS_PER_S,
+    name: str | None = None,
+) -> None:
+    """Check that the taps which `make(link)` returns keep every rule of `TAP`.
+
+    Each call of `make` returns a fresh tap, all alike. `payloads` pass it in both directions by turns,
+    evenly over 0…`until` (ns); without any, well-formed MAVLink of every message does. Raises
+    `NonConformance` at the first broken rule; `name` stands in it for the tap's class.
+    """
+    case = TapCase(make, link, payloads or list(forged())[::3], until)
+    TAP.check(f"tap {name or type(make(link)).__name__}", case)
+
+
+@TAP.rule(
+    "verdicts", "Answers a frame with a sequence of verdicts, never a generator, and a wake-up with Injects only."
+)
+def _verdicts(case: TapCase) -> None:
+    _watch(case.make(case.link), case.frames(), case.until)
+
+
+@TAP.rule("one-fate", "Decides at most once on a frame: Pass, Drop, Replace, Delay, or Delay with Replace.")
+def _one_fate(case: TapCase) -> None:
+    allowed = [{Pass}, {Drop}, {Replace}, {Delay}, {Delay, Replace}, set()]
+    for now, frame, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+        kinds = Counter(type(verdict) for verdict in verdicts if not isinstance(verdict, Inject))
+        once = max(kinds.values(), default=0) <= 1 and set(kinds) in allowed
+        need(once, f"said {short(verdicts)} of {frame} at {now}", "at most one fate")
+
+
+@TAP.rule("values", "Delays to an int time not before now; sends bytes of at most 1 MiB; injects fwd or rev.")
+def _values(case: TapCase) -> None:
+    for now, _, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+        for verdict in verdicts:
+            _check_values(now, verdict)
+
+
+@TAP.rule("parents", "Names as an Inject's parent only a frame that it has seen.")
+def _parents(case: TapCase) -> None:
+    seen: set[FrameId] = set()
+    for now, frame, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+        if frame is not None:
+            seen.add(frame)
+        for verdict in verdicts:
+            parent = verdict.parent if isinstance(verdict, Inject) else None
+            need(parent is None or parent in seen, f"replayed {parent} at {now}", "a frame that it has seen")
+
+
+@TAP.rule("wakeups", "Asks for no wake-up, or for one later than now, in whole ns; asking twice changes nothing.")
+def _wakeups(case: TapCase) -> None:
+    _watch(case.make(case.link), [], case.until)
+
+
+@TAP.rule("hands-off", "Leaves frames as they are: what it wants changed, it says in verdicts.")
+def _hands_off(case: TapCase) -> None:
+    frames, untouched = case.frames(), case.frames()
+    _watch(case.make(case.link), frames, case.until)
+    for frame, before in zip(frames, untouched, strict=True):
+        for slot in (*_SLOTS, "fate", "arrived_ns"):
+            same(getattr(before, slot), getattr(frame, slot), f"{slot} of {before.id}, before and after", "no change")
+
+
+@TAP.rule("repeatable", "Says the same in two fresh instances that see the same frames at the same times.")
+def _repeatable(case: TapCase) -> None:
+    first, second = (_watch(case.make(case.link), case.frames(), case.until) for _ in range(2))
+    same(first, second, "two instances differ", "the same from the same inputs")
+
+
+@TAP.rule("muted", "Does the same whether its verdicts count or not: it does not learn a frame's fate from the frame.")
+def _muted(case: TapCase) -> None:
+    alone = _watch(case.make(case.link), case.frames(), case.until)
+    muted = _watch(case.make(case.link), case.frames(), case.until, fate=Fate.DELIVERED)
+    effective = _watch(case.make(case.link), case.frames(), case.until, fate=Fate.DROPPED)
+    for other in (muted, effective):
+        same(alone, other, "verdicts depend on what becomes of earlier frames", "the same acts, muted or not")
+
+
+@TAP.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+def _pure(case: TapCase) -> None:
+    _watch(case.make(case.link), case.frames(), case.until)
+    _watch(case.make(case.link), case.frames(), case.until, call=watched)
+
+
+@TAP.rule("late", "Survives a wake-up 1.3 s after the time it asked for.")
+def _late(case: TapCase) -> None:
+    _watch(case.make(case.link), case.frames(), case.until, lag_ns=LATE_NS)
+
+
+@TAP.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+def _copies(case: TapCase) -> None:
+    frames, middle = case.frames(), case.until // 2
+    straight = _watch(case.make(case.link), case.frames(), case.until)
+    rest = [moment for moment in straight if moment[0] > middle]
+    trunk = case.make(case.link)
+    _watch(trunk, [frame for frame in frames if frame.sent_ns <= middle], middle)
+    branch = copied(trunk)
+    later = [frame for frame in frames if frame.sent_ns > middle]
+    expected = "a copy that goes on alike, and an original that does not notice"
+    same(rest, _watch(branch, later, case.until, begin=middle), "the straight run and the copy differ", expected)
+    same(rest, _watch(trunk, later, case.until, begin=middle), "the copy's life shows in the original", expected)
+
+
+@TAP.rule("hostile", "Survives any bytes in a frame, and keeps the form of its verdicts.")
+def _hostile(case: TapCase) -> None:
+    for now, _, verdicts, _ in _watch(case.make(case.link), case.frames([*garbage(), *forged()]), case.until):
+        for verdict in verdicts:
+            _check_values(now, verdict)
+
+
+@TAP.rule("modest", "Injects at most 64 frames in answer to one frame or one wake-up.")
+def _modest(case: TapCase) -> None:
+    for now, _, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+        count = sum(isinstance(verdict, Inject) for verdict in verdicts)
+        need(count <= MAX_INJECTS, f"injected {count} frames at {now}", f"at most {MAX_INJECTS}")
+
+
+def _check_values(now: Time, verdict: Verdict) -> None:
+    if isinstance(verdict, Delay):
+        until = verdict.until
+        good = isinstance(until, int) and not isinstance(until, bool) and until >= now
+        need(good, f"delayed to {until!r} at {now}", "a Python int of nanoseconds, not before now")
+    if isinstance(verdict, Replace | Inject):
+        payload = verdict.payload
+        need(type(payload) is bytes, f"put a payload of {type(payload).__name__} on the link", "bytes")
+        need(len(payload) <= MAX_PAYLOAD_BYTES, f"sent {len(payload)} bytes at once", f"at most {MAX_PAYLOAD_BYTES}")
+    if isinstance(verdict, Inject):
+        need(verdict.direction in ("fwd", "rev"), f"injected {verdict.direction!r}", "fwd or rev")
+        claims = all(isinstance(claim, str) and claim for claim in (verdict.src, verdict.dst))
+        need(claims, f"claims {verdict.src!r} to {verdict.dst!r}", "endpoint names")
+        parent = verdict.parent
+        need(parent is None or isinstance(parent, FrameId), f"names the parent {short(parent)}", "a FrameId or None")
+
+
+def _watch(
+    tap: Tap,
+    frames: Sequence[Frame],
+    until: Time,
+    *,
+    begin: Time = -1,
+    call: Call = plainly,
+    lag_ns: Time = 0,
+    fate: Fate | None = None,
+) -> list[Moment]:
+    """Show `frames` to a tap at the times they were sent, and wake it when it asks, after `begin` up to `until`.
+
+    With a `fate`, each frame meets it once it has been judged, as in a kernel.
+    """
+    moments: list[Moment] = []
+    now, shown, woken = begin, 0, 0
+    wish = _wish(tap, None, call)
+    while True:
+        frame = frames[shown] if shown < len(frames) else None
+        due = None if wish is None else max(wish, now + 1) + lag_ns
+        if frame is not None and (due is None or max(frame.sent_ns, now) <= due):
+            now = max(frame.sent_ns, now)
+            verdicts = _answer(call, "on_frame", tap.on_frame, now, frame)
+            shown += 1
+        elif due is not None and due <= until:
+            now = due
+            frame = None
+            verdicts = _answer(call, "on_wakeup", tap.on_wakeup, now)
+            woken += 1
+            allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
+            seen = f"woke {woken} times by {now} ns"
+            if woken > allowed:
+                raise Broken(seen, f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
+        else:
+            return moments
+        wish = _wish(tap, None if frame is not None else now, call)
+        moments.append((now, None if frame is None else frame.id, verdicts, wish))
+        if frame is not None and fate is not None:
+            frame.fate, frame.arrived_ns = fate, now
+
+
+def _answer(
+    call: Call, what: Literal["on_frame", "on_wakeup"], method: Callable[..., Sequence[Verdict]], *args: object
+) -> tuple[Verdict, ...]:
+    """The verdicts, checked to be a sequence of them."""
+    shown = short(args)
+    try:
+        verdicts = call(method, *args)
+    except Broken:
+        raise
+    except Exception as error:
+        raise Broken(f"{what}{shown} raised {error!r}", "verdicts, whatever passes") from error
+    if not isinstance(verdicts, list | tuple) or isinstance(verdicts, Verdict):
+        raise Broken(f"answered {what} with {short(verdicts)}", "a list or tuple of verdicts", "verdicts")
+    for verdict in verdicts:
+        fits = isinstance(verdict, Inject if what == "on_wakeup" else Verdict)
+        if not fits:
+            expected = "Injects only" if what == "on_wakeup" else "Pass, Drop, Delay, Replace or Inject"
+            raise Broken(f"answered {what} with {short(verdict)}", expected, "verdicts")
+    return tuple(verdicts)
+
+
+def _wish(tap: Tap, now: Time | None, call: Call) -> Time | None:
+    """When it wants to act next. Only a wake-up has to move it on: after a frame, an overdue wish may still stand."""
+    try:
+        wish, again = call(tap.next_wakeup), call(tap.next_wakeup)
+    except Broken:
+        raise
+    except Exception as error:
+        raise Broken(f"next_wakeup() raised {error!r}", "a time or None", "wakeups") from error
+    check_wakeup(wish, again, now)
+    return wish

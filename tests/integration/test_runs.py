@@ -1,0 +1,251 @@
+"""Whole runs through the front door: outcome, repeatability, forks, interruption, and nothing half-written."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.compute as pc
+import pytest
+
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.record import load
+from skyrange.runtime.run import Run
+from skyrange.scenario.catalogue import load as load_scenario
+from skyrange.study.diff import diff
+from skyrange.study.session import fly, run
+from skyrange.study.summary import summary
+
+SKYRANGE = [sys.executable, "-c", "from skyrange.cli import main; main()"]
+
+
+def cli(*arguments: str, **more: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*SKYRANGE, *arguments], capture_output=True, text=True, timeout=300, **more)  # type: ignore[call-overload, no-any-return]
+
+
+@pytest.fixture(scope="module")
+def squares(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("squares") / "run"
+    fly(load_scenario("squares"), folder)
+    return folder
+
+
+def test_squares_completes_as_published(squares: Path) -> None:
+    record = load(squares)
+    facts = summary(record)
+    assert facts["status"] == "complete"
+    assert facts["simulated_s"] == 180.0
+    sides = {"blue/b1": 5, "blue/b2": 7, "green/g1": 4, "green/g2": 3, "green/g3": 2}
+    assert {v["id"]: v["outcome"] for v in facts["vehicles"]} == dict.fromkeys(sides, "complete")
+    for vehicle in facts["vehicles"]:
+        # up 5 m, four sides, down 5 m; corners are rounded by at most the waypoint radius, overshoot is small
+        assert vehicle["distance_m"] == pytest.approx(10 + 4 * sides[vehicle["id"]], rel=0.25)
+        assert vehicle["highest_m"] == pytest.approx(5.0, abs=0.5)
+    lift_offs = {
+        row["about"]: row["time_ns"] for row in record.table("events").to_pylist() if row["kind"] == "event.takeoff"
+    }
+    assert len(lift_offs) == 5
+    assert max(lift_offs.values()) - min(lift_offs.values()) <= 100_000_000, "simultaneous take-off"
+
+
+def test_the_folder_holds_what_the_design_says(squares: Path) -> None:
+    names = {path.relative_to(squares).as_posix() for path in squares.rglob("*") if path.is_file()}
+    tables = {f"{t}.parquet" for t in (
+        "truth", "sensors", "telemetry", "frames", "payloads", "decisions", "events", "labels")}  # fmt: skip
+    assert tables | {"manifest.json", "scenario.toml", "report.html", "operators/blue.csv", "operators/green.csv",
+                     "operators/blue.tlog", "operators/green.tlog", "missions/blue-b1.waypoints"} <= names  # fmt: skip
+    assert not [name for name in names if "spool" in name]
+
+
+def test_an_operator_sees_only_its_own(squares: Path) -> None:
+    for operator in ("blue", "green"):
+        with (squares / "operators" / f"{operator}.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert {row["vehicle"].split("/")[0] for row in rows} == {operator}
+        assert {"GLOBAL_POSITION_INT", "HEARTBEAT", "ATTITUDE"} <= {row["message"] for row in rows}
+
+
+def test_every_hop_is_recorded_and_names_its_parent(squares: Path) -> None:
+    frames = load(squares).table("frames").to_pylist()
+    ids = {f"{f['link']}|{f['direction']}|{f['sender']}|{f['serial']}": f for f in frames}
+    assert len(ids) == len(frames)
+    up = [f for f in frames if f["link"] == "gcs:blue/b1" and f["direction"] == "rev"]
+    assert len(up) > 1000
+    for frame in up:
+        log = ids[frame["parent"]]
+        autopilot = ids[log["parent"]]
+        assert (log["link"], autopilot["link"]) == ("log:blue/b1", "autopilot:blue/b1")
+        assert autopilot["sender"] == "blue/b1.autopilot"
+        assert autopilot["payload_id"] == log["payload_id"] == frame["payload_id"]
+        assert frame["sent_ns"] >= log["arrived_ns"] > log["sent_ns"] >= autopilot["arrived_ns"]
+
+
+def test_decisions_quote_frames_that_exist(squares: Path) -> None:
+    record = load(squares)
+    ids = {f"{f['link']}|{f['direction']}|{f['sender']}|{f['serial']}" for f in record.table("frames").to_pylist()}
+    quoted = [cause for row in record.table("decisions").to_pylist() for cause in row["causes"]]
+    assert len(quoted) > 20
+    assert set(quoted) <= ids
+
+
+def test_same_seed_same_fingerprint_in_another_process_and_another_seed_another(squares: Path, tmp_path: Path) -> None:
+    here = load(squares).manifest["digests"]
+    prints = {}
+    for seed in ("1", "2"):
+        done = cli("run", "squares", "--seed", seed, "--out", str(tmp_path / seed), "--json")
+        assert done.returncode == 0, done.stderr
+        prints[seed] = json.loads(done.stdout)["digests"]
+    assert prints["1"] == here
+    assert prints["2"]["fingerprint"] != here["fingerprint"]
+    assert prints["2"]["frames"] != here["frames"]
+    assert diff(load(squares), load(tmp_path / "1")).same
+    assert not diff(load(squares), load(tmp_path / "2")).same
+
+
+def test_a_run_repeats_from_its_own_folder(squares: Path, tmp_path: Path) -> None:
+    again = run(squares / "scenario.toml", tmp_path / "again")
+    assert again.manifest["digests"] == load(squares).manifest["digests"]
+
+
+def test_a_fork_of_a_run_equals_the_straight_run(tmp_path: Path) -> None:
+    scenario = load_scenario("squares", ["duration_s=40"])
+    straight = fly(scenario, tmp_path / "straight", report=False)
+    trunk = Run.start(scenario, tmp_path / "trunk")
+    trunk.advance(17.5)
+    branch = trunk.fork(tmp_path / "branch")
+    for part in (branch, trunk):
+        part.advance(40.0)
+        part.finish()
+    for name in ("trunk", "branch"):
+        assert load(tmp_path / name).manifest["digests"] == straight.manifest["digests"]
+        assert diff(load(tmp_path / name), straight).same
+
+
+def test_paced_equals_free(tmp_path: Path) -> None:
+    scenario = load_scenario("squares", ["duration_s=3"])
+    free = fly(scenario, tmp_path / "free", report=False)
+    paced = fly(scenario, tmp_path / "paced", speed=3.0, report=False)
+    assert paced.manifest["digests"] == free.manifest["digests"]
+    assert paced.manifest["timings"]["wall_s"] >= 0.9
+    assert free.manifest["timings"]["wall_s"] < paced.manifest["timings"]["wall_s"]
+
+
+def test_ctrl_c_leaves_a_whole_record(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    command = [*SKYRANGE, "run", "squares", "--speed", "20", "--out", str(folder)]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stderr is not None
+    for line in child.stderr:
+        if "18 of 180 s" in line or "19 of 180 s" in line:
+            break
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=60)
+    assert child.returncode == 4, err
+    assert "interrupted at" in err
+    record = load(folder)
+    assert record.status == "interrupted"
+    assert 17.0 < record.manifest["simulated_s"] < 100.0
+    assert max(record.table("truth").column("time_ns").to_pylist()) / 1e9 == pytest.approx(
+        record.manifest["simulated_s"], abs=0.11
+    )
+    assert (folder / "report.html").exists()
+    assert "blue/b1" in out
+    in_flight = record.table("frames").filter(pc.equal(record.table("frames").column("fate"), "in_flight"))
+    assert in_flight.column("arrived_ns").null_count == in_flight.num_rows
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["run", "squraes"], "Did you mean 'squares'?"),
+        (["run", "squares", "--set", "operators.*.vehicles.*.autopilt=builtin"], "Did you mean 'autopilot'?"),
+        (["run", "squares", "--set", "operators.*.vehicles.*.autopilot=bultin"], "Did you mean 'builtin'?"),
+        (["run", "squares", "--set", "operators.blue.vehicles.b1.id=b2"], "operators.blue.vehicles"),
+        (["run", "squares", "--set", "operators.blue.vehicles=[]"], "at least one vehicle"),
+        (["run", "squares", "--set", "duration_s=nan"], "a finite number"),
+        (["run", "squares", "--buildings", "nowhere.geojson"], "nowhere.geojson"),
+        (["run", "missing.toml"], "a file that exists"),
+        (["show", "nowhere"], "a run's folder"),
+        (["diff", "nowhere", "nowhere"], "a run's folder"),
+        (["report", "nowhere"], "a run's folder"),
+        (["run", "squares", "--speed", "-1"], "--speed"),
+        (["run", "squares", "--out", "/dev/null/run"], "a folder that can be written"),
+        (["run", "squares", "--out", "/proc/run"], "a folder that can be written"),
+    ],
+)
+def test_bad_input_is_explained_and_leaves_nothing(arguments: list[str], expected: str, tmp_path: Path) -> None:
+    done = cli(*arguments, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert expected in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_out_folder_with_something_in_it_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("precious")
+    with pytest.raises(InputError, match=r"holds mine\.txt"):
+        fly(load_scenario("squares", ["duration_s=1"]), tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+FULL = """
+import resource, signal, sys
+from pathlib import Path
+from skyrange.runtime.run import Run
+from skyrange.scenario.catalogue import load
+run = Run.start(load("squares"), Path(sys.argv[1]))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+run.execute(speed=20.0)
+"""
+
+
+def test_a_disk_that_fills_up_ends_the_run_with_what_it_has(tmp_path: Path) -> None:
+    # a limit on the size of files makes write() fail just as a full disk does, with another errno
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, str(tmp_path / "run")], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode != 0
+    assert "ComponentError" in done.stderr
+    assert str(tmp_path / "run") in done.stderr
+    record = load(tmp_path / "run")
+    assert record.rows("truth") > 10
+    assert len(summary(record)["vehicles"]) == 5
+
+
+def test_memory_is_bounded(tmp_path: Path) -> None:
+    # six times as long must not take noticeably more: what is recorded leaves memory every wall second or 4 MB
+    code = (
+        "import resource, sys; from pathlib import Path; from skyrange.bench.fleet import fleet_scenario;"
+        "from skyrange.runtime.run import Run; r = Run.start(fleet_scenario(20, 300), Path(sys.argv[1]));"
+        "r.advance(float(sys.argv[2])); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+    )
+    peaks = {}
+    for seconds in ("50", "300"):
+        out = subprocess.run([sys.executable, "-c", code, str(tmp_path / seconds), seconds],
+                             capture_output=True, text=True, check=True, timeout=300)  # fmt: skip
+        peaks[seconds] = float(out.stdout)
+    assert peaks["300"] < peaks["50"] + 40.0, peaks
+
+
+def test_engines_that_fail_leave_a_failed_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    started = Run.start(load_scenario("squares", ["duration_s=20"]), tmp_path / "run")
+    (mount,) = started.rig.wiring.engines
+    finish = mount.engine.finish
+
+    def faulty(tick: int, wall_deadline_s: float):
+        if tick > 5_000_000_000:
+            raise ComponentError("engine builtin", "fell over")
+        return finish(tick, wall_deadline_s)
+
+    monkeypatch.setattr(mount.engine, "finish", faulty)
+    with pytest.raises(ComponentError, match="fell over"):
+        started.execute()
+    record = load(tmp_path / "run")
+    assert record.status == "failed"
+    assert record.manifest["error"] == "engine builtin: fell over"
+    assert record.rows("truth") == 5 * 51
