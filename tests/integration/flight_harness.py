@@ -16,7 +16,8 @@ from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch, from_seconds
-from skyrange.vehicle.builtin.engine import BuiltinFleet, VehicleSpec
+from skyrange.vehicle.builtin.engine import BuiltinFleet
+from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world import Body, World
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
@@ -52,7 +53,7 @@ class Range:
     ) -> None:
         self.specs = list(specs)
         bodies = [
-            Body(s.id, s.airframe, s.home_enu_m[0], s.home_enu_m[1], s.home_enu_m[2], s.heading_deg) for s in specs
+            Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], s.home_enu_m[2], s.heading_deg) for s in specs
         ]
         self.world = World(bodies, QUANTUM_NS, wind_enu_mps, None)
         size = -(-len(self.specs) // split)
@@ -62,12 +63,12 @@ class Range:
         self.origin = origin
         self.now = 0
         self.said: list[Said] = []
-        self.frames: dict[str, list[bytes]] = {s.id: [] for s in specs}
+        self.frames: dict[str, list[bytes]] = {s.vehicle: [] for s in specs}
         self.notes: list[tuple[float, Note]] = []
         self.waiting: list[tuple[str, bytes]] = []
         self.serial = 0
-        self.packers = {s.id: Packer(*GCS) for s in specs}
-        self.system = {s.id: s.system_id for s in specs}
+        self.packers = {s.vehicle: Packer(*GCS) for s in specs}
+        self.system = {s.vehicle: s.system_id for s in specs}
         self.port = {v: port for e in self.engines for v, port in zip(e.vehicles, e.ports, strict=True)}
         self.track: list[tuple[float, np.ndarray]] = []
 
@@ -202,7 +203,7 @@ class Range:
         assert self.mode(vehicle, 4) == 0
         assert self.arm(vehicle) == 0
         assert self.command(vehicle, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, alt_m) == 0
-        row = [s.id for s in self.specs].index(vehicle)
+        row = [s.vehicle for s in self.specs].index(vehicle)
         home = self.specs[row].home_enu_m[2]
         self.run_until(lambda r: abs(r.positions()[row, 2] - home - alt_m) < 0.15, 30.0)
         self.run(2.0)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.engine import VehicleSpec
 from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import (
     ORIGIN,
     Range,

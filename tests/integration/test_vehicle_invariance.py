@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.engine import VehicleSpec
+from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import Range, square, start
 
 A = dialect
@@ -21,15 +21,15 @@ def fleet(count: int) -> list[VehicleSpec]:
 def busy(r: Range) -> None:
     """Every aircraft streams telemetry and does something of its own."""
     for i, spec in enumerate(r.specs):
-        r.send(spec.id, A.MAVLink_request_data_stream_message(spec.system_id, 1, 0, 3 + i, 1))
+        r.send(spec.vehicle, A.MAVLink_request_data_stream_message(spec.system_id, 1, 0, 3 + i, 1))
     for i, spec in enumerate(r.specs):
         if i % 3 == 2:
-            r.mode(spec.id, 4)
-            r.arm(spec.id)
-            r.command(spec.id, A.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 4.0 + i)
+            r.mode(spec.vehicle, 4)
+            r.arm(spec.vehicle)
+            r.command(spec.vehicle, A.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 4.0 + i)
         else:
-            r.upload(spec.id, square(3.0 + i, 5.0 + i))
-            start(r, spec.id)
+            r.upload(spec.vehicle, square(3.0 + i, 5.0 + i))
+            start(r, spec.vehicle)
 
 
 def test_split_of_a_fleet_changes_no_byte() -> None:
@@ -42,8 +42,8 @@ def test_split_of_a_fleet_changes_no_byte() -> None:
     assert whole.frames == parts.frames
     assert sum(len(frames) for frames in whole.frames.values()) > 3000
     for spec in whole.specs:
-        assert [(t, n) for t, n in whole.notes if n.about == spec.id] == [
-            (t, n) for t, n in parts.notes if n.about == spec.id
+        assert [(t, n) for t, n in whole.notes if n.about == spec.vehicle] == [
+            (t, n) for t, n in parts.notes if n.about == spec.vehicle
         ]
 
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.vehicle.builtin.engine import VehicleSpec
+from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import Range, square, start
 
 V = "blue/b1"

@@ -100,7 +100,13 @@ def squares(path: Path, status: str = "complete", seconds: float = 60.0, hostile
 
 def small_city() -> list[dict[str, Any]]:
     """Six blocks around the homes, one of them with a courtyard."""
-    blocks = [(-32, 8, 12, 9, 14), (-30, -28, 10, 14, 22), (18, 14, 12, 12, 31), (22, -22, 9, 16, 18), (-4, 16, 10, 8, 9)]
+    blocks = [
+        (-32, 8, 12, 9, 14),
+        (-30, -28, 10, 14, 22),
+        (18, 14, 12, 12, 31),
+        (22, -22, 9, 16, 18),
+        (-4, 16, 10, 8, 9),
+    ]
     city = [{"height_m": h, "rings": [[[e, n], [e + w, n], [e + w, n + d], [e, n + d]]]} for e, n, w, d, h in blocks]
     court = [[[-14, -38], [8, -38], [8, -27], [-14, -27]], [[-8, -35], [-8, -30], [2, -30], [2, -35]]]
     return [*city, {"height_m": 12, "rings": court}]
@@ -125,7 +131,9 @@ def fly(
     for name, (home, side, alt) in fleet.items():
         operator = name.split("/")[0]
         path_m = square(home, side, alt, times)
-        path_m[:, :2] += 0.06 * np.stack([np.sin(times * 1.3 + side), np.cos(times * 0.9)], axis=1) * (path_m[:, 2:] > 0)
+        path_m[:, :2] += (
+            0.06 * np.stack([np.sin(times * 1.3 + side), np.cos(times * 0.9)], axis=1) * (path_m[:, 2:] > 0)
+        )
         velocity = np.gradient(path_m, times, axis=0)
         for t, p, v in zip(times, path_m, velocity, strict=True):
             rows["truth"].append(
@@ -174,11 +182,15 @@ def fly(
                 rows["events"].append(_note(t, kind, name, f"{name}.autopilot", data))
         rows["decisions"].append(_note(0.2, "decision.approval_asked", name, f"{operator}.gcs", {"volumes": 4}))
         rows["decisions"].append(_note(0.4, "decision.upload", name, f"{operator}.gcs", {"items": 6}))
-        rows["decisions"].append(_note(3.2, "decision.arm", name, f"{operator}.gcs", {}, [f"gcs:{name}|rev|{name}.companion|3"]))
+        rows["decisions"].append(
+            _note(3.2, "decision.arm", name, f"{operator}.gcs", {}, [f"gcs:{name}|rev|{name}.companion|3"])
+        )
         done = 7 + climb + lap + alt / 0.8
         if status == "complete":
             outcomes[name] = {"state": "complete", "reason": "mission flown, landed, disarmed", "finished_s": done}
-            rows["events"].append(_note(min(done + 0.3, seconds), "event.outcome", name, f"{operator}.gcs", {"state": "complete"}))
+            rows["events"].append(
+                _note(min(done + 0.3, seconds), "event.outcome", name, f"{operator}.gcs", {"state": "complete"})
+            )
     if hostile:
         victim = next(iter(fleet))
         for k in range(12):
@@ -189,16 +201,19 @@ def fly(
     frames = len(rows["frames"])
     manifest = {
         "format": 1, "name": "squares", "seed": 7, "status": status, "skyrange": "0.1.0",
-        "versions": {"python": "3.11.9", "numpy": "2.1.0", "numba": "0.60"}, "platform": {"machine": "x86_64", "system": "Linux"},
+        "versions": {"python": "3.11.9", "numpy": "2.1.0", "numba": "0.60"},
+        "platform": {"machine": "x86_64", "system": "Linux"},
         "start_utc": "2026-01-01T12:00:00Z", "duration_s": seconds, "simulated_s": seconds, "origin": ORIGIN,
         "operators": [{"id": name, "color": colour, "approval": "approve-all"} for name, colour in colours.items()],
         "vehicles": [
             {"id": name, "operator": name.split("/")[0], "color": "", "autopilot": "builtin", "airframe": "iris",
-             "system_id": k + 1, "home_enu_m": [home[0], home[1], 0], "plan": {"square": {"side_m": side, "alt_m": alt}}}
+             "system_id": k + 1, "home_enu_m": [home[0], home[1], 0],
+             "plan": "square"}
             for k, (name, (home, side, alt)) in enumerate(fleet.items())
         ],
         "links": links, "city": {"source": "grid", "buildings": len(city)},
-        "digests": {"fingerprint": "9f2c51d0a7e44b6c", "events": "aa", "frames": "bb", "truth": "cc"} if status == "complete" else {},
+        "digests": {"fingerprint": "9f2c51d0a7e44b6c", "events": "aa", "frames": "bb", "truth": "cc"}
+        if status == "complete" else {},
         "counts": {"frames": frames, "delivered": sum(r["fate"] == "delivered" for r in rows["frames"])},
         "timings": {"wall_s": 1.9}, "outcomes": outcomes,
     }  # fmt: skip
@@ -209,10 +224,23 @@ def fleet_of(count: int, operators: int, pitch_m: float = 40.0) -> dict[str, tup
     """`count` aircraft on a square grid, dealt to operators in turn."""
     side = math.ceil(math.sqrt(count))
     return {
-        f"op{k % operators}/v{k}": (((k % side - side / 2) * pitch_m, (k // side - side / 2) * pitch_m), 10.0 + k % 15, 20.0 + k % 30)
+        f"op{k % operators}/v{k}": (
+            ((k % side - side / 2) * pitch_m, (k // side - side / 2) * pitch_m),
+            10.0 + k % 15,
+            20.0 + k % 30,
+        )
         for k in range(count)
     }
 
 
-def _note(t: float, kind: str, about: str, source: str, data: dict[str, Any], causes: list[str] | None = None) -> dict[str, Any]:
-    return {"time_ns": round(t * S), "kind": kind, "about": about, "source": source, "data": json.dumps(data), "causes": causes or []}
+def _note(
+    t: float, kind: str, about: str, source: str, data: dict[str, Any], causes: list[str] | None = None
+) -> dict[str, Any]:
+    return {
+        "time_ns": round(t * S),
+        "kind": kind,
+        "about": about,
+        "source": source,
+        "data": json.dumps(data),
+        "causes": causes or [],
+    }

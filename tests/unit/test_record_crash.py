@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.unit.record_sample import HEADER, LABELS, NOTES, StillWorld, tell, traffic
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import Recorder, load
 from skyrange.record import recorder as recorder_module
 from skyrange.record import spool as spool_module
 from skyrange.record.spool import read_stream
+from tests.unit.record_sample import HEADER, LABELS, NOTES, StillWorld, tell, traffic
 
 
 def _spooled(folder: Path, rounds: int, flush_every: int = 7) -> Recorder:
@@ -110,7 +110,7 @@ from skyrange.record import Recorder
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 recorder = Recorder.open(sys.argv[1], HEADER)
 told = []
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, 150_000))
 try:
     for frame in traffic(100_000):
         recorder.on_frame(frame)
@@ -149,7 +149,7 @@ def test_a_disk_that_fills_up_while_it_flies(tmp_path: Path, monkeypatch: pytest
     recorder = _spooled(tmp_path / "run", 3)
     monkeypatch.setattr(spool_module._Stream, "append", _full)
     recorder.on_frame(next(iter(traffic(1))))
-    with pytest.raises(ComponentError, match=r"payloads-0000\.arrows: No space left on device \(ENOSPC\)"):
+    with pytest.raises(ComponentError, match=r"frames-0000\.arrows: No space left on device \(ENOSPC\)"):
         recorder.flush()
     assert len(list(load(tmp_path / "run").frames_with_payloads())) == 36
     recorder.close()

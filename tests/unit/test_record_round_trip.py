@@ -12,7 +12,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
-from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
 from skyrange.agent.frames import Fate
 from skyrange.agent.messages import Note
@@ -21,6 +20,7 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import FrameId
 from skyrange.record import MemoryObserver, Recorder, RunRecord, load
 from skyrange.record.schema import TABLES, arrow_schema, documentation
+from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
 ROUNDS = 20
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
-from tests.unit.record_sample import make_frame
 
 from skyrange.core.time import NEVER
 from skyrange.record import Recorder, load
 from skyrange.record import order as order_module
 from skyrange.record.order import in_order
 from skyrange.record.schema import PAYLOAD_WINDOW
+from tests.unit.record_sample import make_frame
 
 
 def _record(folder: Path, payloads: list[bytes], spool_bytes: int, flush_at: int = 10**9) -> Recorder:
@@ -57,7 +57,9 @@ def test_payload_ids_do_not_depend_on_flushing(tmp_path: Path) -> None:
 
 
 def _tables(keys: list[list[int]]) -> list[pa.Table]:
-    return [pa.table({"t": pa.array(part, pa.int64()), "n": [str(k) for k in part]}) for part in keys]
+    return [
+        pa.table({"t": pa.array(part, pa.int64()), "n": pa.array([str(k) for k in part], pa.string())}) for part in keys
+    ]
 
 
 @pytest.mark.parametrize("reach", [1, 3, 10**6])

@@ -7,8 +7,8 @@ import math
 import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.vehicle.builtin.engine import VehicleSpec
 from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import Range, square, waypoint
 
 V = "blue/b1"

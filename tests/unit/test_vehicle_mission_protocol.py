@@ -7,8 +7,8 @@ import math
 import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.vehicle.builtin.engine import VehicleSpec
 from skyrange.vehicle.builtin.mission_protocol import MAX_ITEMS
+from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import ORIGIN, Item, Range, jump, rtl, speed, square, takeoff, waypoint
 
 V = "blue/b1"

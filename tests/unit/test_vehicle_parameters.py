@@ -9,8 +9,9 @@ import pytest
 from skyrange.codec.mavlink import dialect
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
-from skyrange.vehicle.builtin.engine import BuiltinFleet, VehicleSpec
+from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.builtin.parameters import INDEX, PARAMETERS
+from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 
 V = "blue/b1"

@@ -53,8 +53,8 @@ class _State:
     encoder: FrameEncoder
     truth_ns: Time
     sensors_ns: Time
-    truth_due: Time = -NEVER
-    sensors_due: Time = -NEVER
+    truth_due: Time
+    sensors_due: Time
     last_ns: Time = 0
     digests: Digests = field(default_factory=Digests)
     counts: dict[str, int] = field(default_factory=dict)
@@ -132,7 +132,13 @@ class Recorder:
         except (TypeError, ValueError) as error:
             unmake_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
-        state = _State(FrameEncoder(spool_bytes), _period(truth_hz), _period(sensors_hz))
+        state = _State(
+            FrameEncoder(spool_bytes),
+            truth_ns=_period(truth_hz),
+            sensors_ns=_period(sensors_hz),
+            truth_due=-NEVER if truth_hz else NEVER,
+            sensors_due=-NEVER if sensors_hz else NEVER,
+        )
         return cls(folder, manifest, state, spool, spool_bytes, flush_s, made)
 
     def attach(self, name: str, data: bytes) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,7 +43,8 @@ class Tables:
         """The schema of a table as this run has it."""
         if not self.spooled:
             path = self._parquet(name)
-            return pq.read_schema(path) if path.exists() else arrow_schema(name)
+            with self._blaming(path):
+                return pq.read_schema(path) if path.exists() else arrow_schema(name)
         if name == "truth":
             for batch in read_spool(self.folder, name):
                 return arrow_schema(name, truth_columns(batch.schema.names[3:]))
@@ -60,14 +62,9 @@ class Tables:
         path = self._parquet(name)
         if not path.exists():
             return
-        try:
-            with pq.ParquetFile(path) as file:
-                for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
-                    yield readable(batch, schema)
-        except (pa.ArrowException, OSError) as error:
-            raise InputError.one(
-                str(self.folder), path.name, str(error).splitlines()[0], "a whole Parquet file"
-            ) from error
+        with self._blaming(path), pq.ParquetFile(path) as file:
+            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
+                yield readable(batch, schema)
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         """The whole table in memory."""
@@ -80,7 +77,8 @@ class Tables:
         """How many rows the table has."""
         path = self._parquet(name)
         if not self.spooled:
-            return int(pq.read_metadata(path).num_rows) if path.exists() else 0
+            with self._blaming(path):
+                return int(pq.read_metadata(path).num_rows) if path.exists() else 0
         return sum(batch.num_rows for batch in read_spool(self.folder, name))
 
     def frames_with_payloads(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
@@ -99,6 +97,15 @@ class Tables:
             yield table.append_column(pa.field("payload", pa.binary()), payloads)
             if whole < batch.num_rows:
                 return
+
+    @contextmanager
+    def _blaming(self, path: Path) -> Iterator[None]:
+        """Turn what is wrong with a Parquet file into an `InputError` that names it."""
+        try:
+            yield
+        except (pa.ArrowException, OSError) as error:
+            reason = str(error).splitlines()[0]
+            raise InputError.one(str(self.folder), path.name, reason, "a whole Parquet file") from error
 
     def _parquet(self, name: str) -> Path:
         return self.folder / f"{name}.parquet"

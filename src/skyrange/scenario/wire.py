@@ -31,9 +31,9 @@ from skyrange.scenario.placing import placed
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.surroundings import build_city
 from skyrange.utm.service import FlightApproval
-from skyrange.vehicle.builtin.engine import VehicleSpec
 from skyrange.vehicle.onboard import links as vehicle_links
 from skyrange.vehicle.onboard import routes
+from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world import Body, World
 
 APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
@@ -113,7 +113,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
         start = vehicle.start
         bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg))
         spec = VehicleSpec(
-            id=key,
+            vehicle=key,
             system_id=vehicle.system_id,
             airframe=vehicle.airframe,
             home_enu_m=(start.east_m, start.north_m, 0.0),

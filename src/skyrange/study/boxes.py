@@ -1,4 +1,4 @@
-"""How is a set of trajectories drawn in a box of axes? A parallel projection with grid, ticks, buildings and shadows."""
+"""How are trajectories drawn in a box of axes? A parallel projection with grid, ticks, buildings and shadows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from skyrange.study import svg
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.subject import Subject
-from skyrange.study.svg import number
 from skyrange.study.thin import kept_rows
 
 Floats = NDArray[np.float64]
@@ -22,7 +21,6 @@ MAX_BUILDINGS = 300
 
 _AZIMUTH = math.radians(-60.0)
 _ELEVATION = math.radians(26.0)
-_GRID = 'stroke="currentColor" stroke-opacity=".16" fill="none"'
 
 
 def box(subject: Subject, own: Sequence[Vehicle], tracks: Mapping[str, Track], width: float, height: float) -> str:
@@ -86,7 +84,7 @@ def _frame(low: Floats, high: Floats, project: Any) -> str:
     )
 
     def line(*points: tuple[float, float, float]) -> None:
-        parts.append(f'<path d="{svg.path_data(project(np.array(points)))}" {_GRID}/>')
+        parts.append(f'<path d="{svg.path_data(project(np.array(points)))}" {svg.GRID}/>')
 
     def words(point: tuple[float, float, float], dx: float, dy: float, say: str, anchor: str, extra: str = "") -> None:
         x, y = project(np.array([point]))[0]

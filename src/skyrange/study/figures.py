@@ -106,8 +106,10 @@ def draw_plan(
         return np.stack([(enu[:, 0] - corner[0]) * scale, (corner[1] - enu[:, 1]) * scale], axis=1)
 
     body = [f'<g class="plan-buildings">{_footprints(subject.city, pixels, width, height)}</g>']
-    for vehicle in subject.fleet:
-        body.append(_plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels))
+    body.extend(
+        _plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
+        for vehicle in subject.fleet
+    )
     body.append(_scale_bar(scale, width, height))
     body.append(
         f'<g transform="translate({number(width - 28)} 30)"><path d="M0 -18L7 8L0 3L-7 8z" fill="currentColor"/>'
@@ -132,13 +134,12 @@ def draw_altitude(subject: Subject, tracks: Mapping[str, Track], width: float = 
     values, step = svg.ticks(low, top, 5)
     for value in values:
         y = height - below - (value - low) * y_scale
-        body.append(
-            f'<path d="M{number(left)} {number(y)}H{number(width - right)}" stroke="currentColor" stroke-opacity=".16"/>'
-        )
+        body.append(f'<path d="M{number(left)} {number(y)}H{number(width - right)}" {svg.GRID}/>')
         body.append(svg.text(left - 7, y + 4, svg.label(value, step), "end"))
     values, step = svg.ticks(first, last, 8)
-    for value in values:
-        body.append(svg.text(left + (value - first) * x_scale, height - below + 17, svg.label(value, step)))
+    body.extend(
+        svg.text(left + (value - first) * x_scale, height - below + 17, svg.label(value, step)) for value in values
+    )
     body.append(svg.text((left + width - right) / 2, height - 5, "simulated time, s", extra='opacity=".7"'))
     budget = max(60, svg.POINTS // max(len(subject.fleet), 1))
     for vehicle in subject.fleet:

@@ -1,4 +1,4 @@
-"""How did each aircraft's flight go? One row per aircraft: outcome, time in the air, path flown, belief against truth."""
+"""How did each aircraft's flight go? Outcome, time in the air, path flown, belief against truth, one row each."""
 
 from __future__ import annotations
 

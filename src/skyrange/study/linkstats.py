@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -93,12 +94,12 @@ def link_stats(record: Record) -> list[LinkStats]:
     return sorted(found.values(), key=lambda stats: (stats.kind, stats.owner, stats.direction))
 
 
-def summed(stats: list[LinkStats], by_direction: bool = True) -> list[LinkStats]:
-    """Sums over all instances of one kind (and direction), in order of kind."""
+def summed(stats: Iterable[LinkStats]) -> list[LinkStats]:
+    """Sums over all instances of one kind and direction, in that order."""
     sums: dict[tuple[str, str], LinkStats] = {}
     for each in stats:
-        key = (each.kind, each.direction if by_direction else "")
-        sums.setdefault(key, LinkStats(each.kind, "", key[1])).add(each)
+        key = (each.kind, each.direction)
+        sums.setdefault(key, LinkStats(each.kind, "", each.direction)).add(each)
     return [sums[key] for key in sorted(sums)]
 
 

@@ -30,7 +30,12 @@ class Subject:
         return self._index[vehicle.id]
 
     def line(
-        self, vehicle: Vehicle, points: NDArray[np.float64], opacity: str = "1", weight: str = "1.8", close: bool = False
+        self,
+        vehicle: Vehicle,
+        points: NDArray[np.float64],
+        opacity: str = "1",
+        weight: str = "1.8",
+        close: bool = False,
     ) -> str:
         """A path through (n, 2) pixels in an aircraft's colour, named by its id; "" without points."""
         if not len(points):

@@ -16,6 +16,9 @@ Floats = NDArray[np.float64]
 POINTS = 24_000
 """Samples that one figure draws at most, shared evenly by its aircraft."""
 
+GRID = 'stroke="currentColor" stroke-opacity=".16" fill="none"'
+"""The attributes of grid lines."""
+
 FONT = "system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',sans-serif"
 
 
@@ -92,6 +95,8 @@ def document(width: float, height: float, title: str, body: Iterable[str], descr
         f'<svg xmlns="http://www.w3.org/2000/svg" class="figure" viewBox="0 0 {number(width)} {number(height)}" '
         f'width="{number(width)}" height="{number(height)}" role="img" aria-label="{escape(title, quote=True)}" '
         f'font-family="{FONT}" preserveAspectRatio="xMidYMid meet">'
-        f"<title>{escape(title)}</title>" + (f"<desc>{escape(description)}</desc>" if description else "")
-        + "".join(body) + "</svg>"
+        f"<title>{escape(title)}</title>"
+        + (f"<desc>{escape(description)}</desc>" if description else "")
+        + "".join(body)
+        + "</svg>"
     )

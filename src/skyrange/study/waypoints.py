@@ -42,8 +42,12 @@ def uploaded(record: Record) -> dict[str, Floats]:
     wanted = pa.array(places, pa.int64())
     rows: list[dict[str, Any]] = []
     for batch in record.batches("frames", ["link", "direction", "fate", "payload_id", "sent_ns"]):
-        delivered = pc.and_(pc.equal(batch.column("direction"), "fwd"), pc.equal(batch.column("fate"), str(Fate.DELIVERED)))
-        rows.extend(batch.filter(pc.and_(delivered, pc.is_in(batch.column("payload_id"), value_set=wanted))).to_pylist())
+        delivered = pc.and_(
+            pc.equal(batch.column("direction"), "fwd"), pc.equal(batch.column("fate"), str(Fate.DELIVERED))
+        )
+        rows.extend(
+            batch.filter(pc.and_(delivered, pc.is_in(batch.column("payload_id"), value_set=wanted))).to_pylist()
+        )
     rows.sort(key=lambda row: row["sent_ns"])
     found: dict[str, dict[tuple[float, float, float], None]] = {}
     origin, ground_m = _origin(record)

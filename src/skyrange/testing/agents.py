@@ -83,8 +83,8 @@ def _declares(case: AgentCase) -> None:
     need(not wrong, f"the mail of this check is for {wrong[0].port if wrong else None}", "mail for the agent's ports")
 
 
-@AGENT.rule("steps", "Answers every step with a whole Outbox, never a generator, which later steps leave alone.")
-def _steps(case: AgentCase) -> None:
+@AGENT.rule("outbox", "Answers every step with a whole Outbox, never a generator, which later steps leave alone.")
+def _outbox(case: AgentCase) -> None:
     steps = case.friendly
     for step in steps:
         same(

@@ -12,7 +12,7 @@ from skyrange.agent.messages import Arrival, Inbox, Outbox
 from skyrange.core.time import NS_PER_S, Time, ceil_to
 from skyrange.testing.form import Said, said
 from skyrange.testing.purity import Call, plainly
-from skyrange.testing.rules import Broken, need, short
+from skyrange.testing.rules import Broken, short
 
 MAX_WAKEUPS_PER_S = 20_000
 """Steps without mail in a simulated second that still count as progress (a radio slot is 50 µs)."""
@@ -64,7 +64,8 @@ def drive(
         while delivered < len(waiting) and waiting[delivered].at <= now:
             delivered += 1
         unprompted += first == delivered
-        need(unprompted <= allowed, f"woke {unprompted} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second")
+        if unprompted > allowed:
+            raise Broken(f"woke {unprompted} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
         inbox = Inbox(waiting[first:delivered])
         try:
             outbox = call(agent.step, now, inbox)

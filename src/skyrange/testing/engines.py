@@ -88,7 +88,7 @@ class EngineCase:
 
 
 def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[Letter]:
-    """What a ground station says to fly a MAVLink copter: heartbeats, GUIDED, arm, take off to 5 m, ask for telemetry."""
+    """What a ground station says to fly a MAVLink copter: heartbeats, GUIDED, arm, take off to 5 m, telemetry."""
     letters = []
     for spec in specs:
         system = spec.system_id
@@ -123,8 +123,8 @@ def check_engine(
 ) -> None:
     """Check that the engines which `factory` makes keep every rule of `ENGINE`.
 
-    `factory` is what is registered: it is called with a name, some or all of `specs` (at least two), an
-    origin, an epoch and chance. `world(specs)` makes the world they fly in, for `until` ns. `mail` is
+    `factory` is what is registered: it is called with a name, some or all of `specs` (two or more, or `split` shows
+    nothing), an origin, an epoch and chance. `world(specs)` makes the world they fly in, for `until` ns. `mail` is
     what a friendly peer would send; by default that of `take_off`. An engine that does not repeat to
     the byte is not asked for `repeatable`, `split`, `pure` and `copies`. Raises `NonConformance` at the
     first broken rule; `name` stands in it for the factory's.
@@ -145,7 +145,7 @@ def _declares(case: EngineCase) -> None:
 
 @ENGINE.rule("vehicles", "Lists the vehicles it was made for, in that order, and ports of theirs, each once.")
 def _vehicles(case: EngineCase) -> None:
-    for specs in (case.specs, case.specs[1:], case.specs[:1]):
+    for specs in filter(None, (case.specs, case.specs[1:], case.specs[:1])):
         engine = case.make(specs)
         vehicles, ports = list(engine.vehicles), tuple(engine.ports)
         wanted = [spec.vehicle for spec in specs]
@@ -168,8 +168,8 @@ def _finishes(case: EngineCase) -> None:
     case.flight().fly(case.until)
 
 
-@ENGINE.rule("steps", "Puts departures and notes in lists, never a generator.")
-def _steps(case: EngineCase) -> None:
+@ENGINE.rule("outbox", "Puts departures and notes in lists, never a generator.")
+def _outbox(case: EngineCase) -> None:
     case.flight().fly(case.until // 5)
 
 
@@ -217,13 +217,6 @@ def _causes(case: EngineCase) -> None:
     flight.fly(case.until, look=lambda _, __, contents: check_causes(contents, flight.received))
 
 
-@ENGINE.rule("sensors", "Reads the sensors of a tick only until it has finished it, and never writes to them.")
-def _sensors(case: EngineCase) -> None:
-    kept, spoilt = case.flight().fly(case.until), case.flight().fly(case.until, scramble=True)
-    if case.repeats:
-        _same(kept, spoilt, "what it does depends on sensors of an earlier tick", "copies of what is to be kept")
-
-
 @ENGINE.rule("repeatable", "Repeats to the byte, where it says so: the same mail and sensors, the same answers.")
 def _repeatable(case: EngineCase) -> None:
     if case.repeats:
@@ -235,7 +228,7 @@ def _repeatable(case: EngineCase) -> None:
 def _split(case: EngineCase) -> None:
     if case.repeats:
         whole = case.flight().fly(case.until)
-        for cut in {1, len(case.specs) // 2}:
+        for cut in sorted({1, len(case.specs) // 2} - {0, len(case.specs)}):
             parts = case.flight(cut).fly(case.until)
             _same(whole, parts, f"in one engine and split before row {cut}", "the same bytes for each aircraft")
 
@@ -246,6 +239,13 @@ def _order(case: EngineCase) -> None:
     forward, backward = case.flight(cut).fly(case.until), case.flight(cut).fly(case.until, backwards=True)
     if case.repeats:
         _same(forward, backward, "finishing in the other order changes it", "engines that share nothing")
+
+
+@ENGINE.rule("sensors", "Reads the sensors of a tick only until it has finished it, and never writes to them.")
+def _sensors(case: EngineCase) -> None:
+    kept, spoilt = case.flight().fly(case.until), case.flight().fly(case.until, scramble=True)
+    if case.repeats:
+        _same(kept, spoilt, "what it does depends on sensors of an earlier tick", "copies of what is to be kept")
 
 
 @ENGINE.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")

@@ -22,13 +22,13 @@ Said = tuple[tuple[Departure, ...], tuple[Note, ...]]
 
 
 def said(outbox: Any) -> Said:
-    """The contents of an outbox, copied; `Broken` (rule `steps`) unless it is whole."""
+    """The contents of an outbox, copied; `Broken` (rule `outbox`) unless it is whole."""
     expected = "an Outbox with its departures and notes in lists"
     if not isinstance(outbox, Outbox):
-        raise Broken(f"answered with {short(outbox)}", expected, "steps")
+        raise Broken(f"answered with {short(outbox)}", expected, "outbox")
     for held in (outbox.departures, outbox.notes):
         if not isinstance(held, list | tuple):
-            raise Broken(f"put {short(held)} in its outbox", expected, "steps")
+            raise Broken(f"put {short(held)} in its outbox", expected, "outbox")
     return tuple(outbox.departures), tuple(outbox.notes)
 
 

@@ -15,7 +15,7 @@ from skyrange.core.errors import SkyrangeError
 C = TypeVar("C")
 
 
-class NonConformance(SkyrangeError):
+class NonConformance(SkyrangeError):  # noqa: N818 - the word for the finding
     """A component breaks a rule of its contract.
 
     `who` is the component, `rule` the rule's id, `seen` what it did, `expected` what the rule asks.
@@ -31,7 +31,7 @@ class NonConformance(SkyrangeError):
         super().__init__(f"{who} breaks {rule}: {seen} — expected {expected}")
 
 
-class Broken(Exception):
+class Broken(Exception):  # noqa: N818 - caught by the rule book, never by a user
     """Raised by a check. `rule` names another rule of the same book, if that is the one that was met and broken."""
 
     def __init__(self, seen: str, expected: str, rule: str | None = None) -> None:

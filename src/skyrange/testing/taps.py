@@ -121,7 +121,7 @@ def _hands_off(case: TapCase) -> None:
 @TAP.rule("repeatable", "Says the same in two fresh instances that see the same frames at the same times.")
 def _repeatable(case: TapCase) -> None:
     first, second = (_watch(case.make(case.link), case.frames(), case.until) for _ in range(2))
-    same(first, second, "two instances differ", "the same from the same inputs")
+    _same(first, second, "two instances differ", "the same from the same inputs")
 
 
 @TAP.rule("muted", "Does the same whether its verdicts count or not: it does not learn a frame's fate from the frame.")
@@ -130,7 +130,7 @@ def _muted(case: TapCase) -> None:
     muted = _watch(case.make(case.link), case.frames(), case.until, fate=Fate.DELIVERED)
     effective = _watch(case.make(case.link), case.frames(), case.until, fate=Fate.DROPPED)
     for other in (muted, effective):
-        same(alone, other, "verdicts depend on what becomes of earlier frames", "the same acts, muted or not")
+        _same(alone, other, "verdicts depend on what becomes of earlier frames", "the same acts, muted or not")
 
 
 @TAP.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
@@ -154,8 +154,8 @@ def _copies(case: TapCase) -> None:
     branch = copied(trunk)
     later = [frame for frame in frames if frame.sent_ns > middle]
     expected = "a copy that goes on alike, and an original that does not notice"
-    same(rest, _watch(branch, later, case.until, begin=middle), "the straight run and the copy differ", expected)
-    same(rest, _watch(trunk, later, case.until, begin=middle), "the copy's life shows in the original", expected)
+    _same(rest, _watch(branch, later, case.until, begin=middle), "the straight run and the copy differ", expected)
+    _same(rest, _watch(trunk, later, case.until, begin=middle), "the copy's life shows in the original", expected)
 
 
 @TAP.rule("hostile", "Survives any bytes in a frame, and keeps the form of its verdicts.")
@@ -205,29 +205,44 @@ def _watch(
     """
     moments: list[Moment] = []
     now, shown, woken = begin, 0, 0
+    allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
     wish = _wish(tap, None, call)
+    due = _due(wish, None, None, now)
     while True:
         frame = frames[shown] if shown < len(frames) else None
-        due = None if wish is None else max(wish, now + 1) + lag_ns
-        if frame is not None and (due is None or max(frame.sent_ns, now) <= due):
+        if frame is not None and (due is None or max(frame.sent_ns, now) <= due + lag_ns):
             now = max(frame.sent_ns, now)
             verdicts = _answer(call, "on_frame", tap.on_frame, now, frame)
             shown += 1
-        elif due is not None and due <= until:
-            now = due
-            frame = None
+        elif due is not None and due + lag_ns <= until:
+            now, due, frame = due + lag_ns, None, None
             verdicts = _answer(call, "on_wakeup", tap.on_wakeup, now)
             woken += 1
-            allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
-            seen = f"woke {woken} times by {now} ns"
             if woken > allowed:
-                raise Broken(seen, f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
+                raise Broken(f"woke {woken} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
         else:
             return moments
-        wish = _wish(tap, None if frame is not None else now, call)
+        before, wish = wish, _wish(tap, None if frame is not None else now, call)
+        due = _due(wish, before, due, now)
         moments.append((now, None if frame is None else frame.id, verdicts, wish))
         if frame is not None and fate is not None:
             frame.fate, frame.arrived_ns = fate, now
+
+
+def _due(wish: Time | None, before: Time | None, due: Time | None, now: Time) -> Time | None:
+    """When to wake it next: an unchanged wish stays due when it was, a new one comes after now."""
+    if wish is None:
+        return None
+    return due if due is not None and wish == before else max(wish, now + 1)
+
+
+def _plain(moments: Sequence[Moment]) -> list[tuple[object, ...]]:
+    """Moments as values that can be compared: as tuples, Pass() and Drop() are equal."""
+    return [(*moment[:2], [(type(v).__name__, *v) for v in moment[2]], moment[3]) for moment in moments]
+
+
+def _same(first: Sequence[Moment], second: Sequence[Moment], what: str, expected: str) -> None:
+    same(_plain(first), _plain(second), what, expected)
 
 
 def _answer(

@@ -55,7 +55,9 @@ def embed(run: Gathered) -> tuple[str, dict[str, Any]]:
                 "home": [round(value, 2) for value in vehicle.home_enu_m] if vehicle.home_enu_m else None,
                 "truth": _packed(truth, truth.speed_mps, rows),
                 "belief": _packed(belief, seen_gaps, seen),
-                "wp": [[round(v, 1) for v in point] for point in run.waypoints.get(vehicle.id, np.zeros((0, 3))).tolist()],
+                "wp": [
+                    [round(v, 1) for v in point] for point in run.waypoints.get(vehicle.id, np.zeros((0, 3))).tolist()
+                ],
             }
         )
     buildings = _buildings(run.record.city, _centre(run.truth))

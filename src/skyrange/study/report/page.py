@@ -1,4 +1,4 @@
-"""How do the parts become one page? Template, styles, script and data in one file, sealed by a content security policy."""
+"""How do the parts become one page? Template, styles, script and data in one file, sealed by a content policy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from importlib.resources import files
 from string import Template
 
 from skyrange.study import figures
-from skyrange.study.report import sections, timeline, words
+from skyrange.study.report import linktable, sections, timeline, words
 from skyrange.study.report.embedded import embed
 from skyrange.study.report.gathered import Gathered, gather
 from skyrange.study.series import Record
@@ -38,7 +38,7 @@ def render(record: Record) -> str:
         plan=figures.draw_plan(run.subject, run.truth, run.waypoints).svg,
         altitude=figures.draw_altitude(run.subject, run.truth).svg,
         gaps=sections.gaps(run),
-        links=sections.links(run),
+        links=linktable.links(run),
         calm=timeline.calm(run),
         lanes=timeline.lanes(run),
         events=timeline.table([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
@@ -54,11 +54,11 @@ def _panels(run: Gathered) -> str:
     for place, operator in enumerate(run.operator_inks):
         own = [vehicle for vehicle in run.fleet if vehicle.operator == operator]
         heard = sum(flight.positions for flight in run.flights if flight.vehicle.operator == operator)
-        still = figures.draw_boxes(run.subject, run.belief, [operator], "belief", titled=False)
+        still = figures.draw_boxes(run.subject, run.belief, [operator] if own else [], "belief", titled=False)
         cells.append(
             f'<figure class="card panel" data-op="{place}"><figcaption><span class="swatch op-{place}"></span>'
-            f"<b>{escape(operator)}</b> <span class=dim>{len(own)} aircraft · {words.count(heard)} positions received</span></figcaption>"
-            f'<div class="still">{still.svg}</div></figure>'
+            f"<b>{escape(operator)}</b> <span class=dim>{len(own)} aircraft · {words.count(heard)} positions received"
+            f'</span></figcaption><div class="still">{still.svg}</div></figure>'
         )
     return "".join(cells)
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from skyrange.core.ids import operator_of
+from skyrange.core.time import NS_PER_S
 from skyrange.study.report import words
 from skyrange.study.report.gathered import Gathered
 from skyrange.study.series import Happening
@@ -57,7 +58,7 @@ def calm(run: Gathered) -> str:
 def lanes(run: Gathered) -> str:
     """One lane per aircraft: its modes as bands, its events as marks, hostile acts on it as red strokes."""
     if not run.fleet or not (run.events or run.attacks):
-        return '<p class="nothing">No event is on record.</p>'
+        return words.nothing("No event is on record.")
     by_owner: dict[str, list[Happening]] = {}
     for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
         by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
@@ -81,33 +82,37 @@ def lanes(run: Gathered) -> str:
 def table(rows: Sequence[Happening], run: Gathered, name: str, title: str) -> str:
     """A table that the page's script filters by text and kind; a row jumps to its time."""
     if not rows:
-        return f'<p class="nothing">No {escape(name)} on record.</p>'
+        return words.nothing(f"No {name} on record.")
     shown = sorted(rows, key=lambda row: row.time_ns)[:MOST_ROWS]
     places = {vehicle.id: index for index, vehicle in enumerate(run.fleet)}
-    kinds = sorted({row.kind for row in shown})
-    options = "".join(f"<option>{escape(kind)}</option>" for kind in kinds)
+    options = "".join(f"<option>{escape(kind)}</option>" for kind in sorted({row.kind for row in shown}))
     body = "".join(_row(row, places) for row in shown)
+    heads = "".join(f"<th scope=col>{head}</th>" for head in ("about", "kind", "details", "noted by"))
     cut = f"<p class=note>The first {words.count(len(shown))} of {words.count(len(rows))}; the record holds all.</p>"
     return (
-        f'<div class="filter" data-table="{name}"><input type="search" placeholder="Filter {name}…" aria-label="Filter {name}">'
+        f'<div class="filter" data-table="{name}">'
+        f'<input type="search" placeholder="Filter {name}…" aria-label="Filter {name}">'
         f'<select aria-label="Kind of {name}"><option value="">every kind</option>{options}</select>'
         f'<output class="dim" aria-live="polite">{words.count(len(shown))} rows</output></div>'
-        f'<div class="scroll tall"><table class="grid log" id="{name}"><caption class="vh">{escape(title)}</caption><thead><tr>'
-        "<th scope=col class=num>time, s</th><th scope=col>about</th><th scope=col>kind</th><th scope=col>details</th>"
-        f"<th scope=col>noted by</th></tr></thead><tbody>{body}</tbody></table></div>{cut if len(rows) > len(shown) else ''}"
+        f'<div class="scroll tall"><table class="grid log" id="{name}"><caption class="vh">{escape(title)}</caption>'
+        f"<thead><tr><th scope=col class=num>time, s</th>{heads}</tr></thead><tbody>{body}</tbody></table></div>"
+        f"{cut if len(rows) > len(shown) else ''}"
     )
 
 
 def _row(row: Happening, places: dict[str, int]) -> str:
     place = places.get(row.about.split(".", 1)[0])
-    swatch = f'<span class="swatch ink-{place}"></span>' if place is not None else ""
+    about = words.named(place, row.about) if place is not None else escape(row.about)
     marked = f' data-v="{place}"' if place is not None else ""
-    shown = row.kind.split(".", 1)[-1].replace("_", " ")
-    why = f'<span class="why" title="{escape(", ".join(row.causes), quote=True)}">{len(row.causes)} causes</span>' if row.causes else ""
+    family, _, rest = row.kind.partition(".")
+    why = ""
+    if row.causes:
+        said = "1 cause" if len(row.causes) == 1 else f"{len(row.causes)} causes"
+        why = f'<span class="why" title="{escape(", ".join(row.causes), quote=True)}">{said}</span>'
     return (
         f'<tr data-t="{row.time_ns * 1e-9:.3f}" data-k="{escape(row.kind, quote=True)}"{marked}>'
-        f'<td class=num><button type="button">{row.time_ns * 1e-9:.2f}</button></td><td>{swatch}{escape(row.about)}</td>'
-        f'<td><span class="kind {escape(row.kind.split(".", 1)[0], quote=True)}">{escape(shown)}</span></td>'
+        f'<td class=num><button type="button">{row.time_ns * 1e-9:.2f}</button></td><td>{about}</td>'
+        f'<td><span class="kind {escape(family, quote=True)}">{escape((rest or family).replace("_", " "))}</span></td>'
         f"<td>{words.details(row.data)}{why}</td><td class=dim>{escape(row.source)}</td></tr>"
     )
 
@@ -126,8 +131,8 @@ def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> st
         until = after.time_ns if after else run.end_ns
         share = (until - row.time_ns) / (run.end_ns - run.start_ns)
         parts.append(
-            f'<rect class="mode mode-{place}" x="{_part(run, row.time_ns)}%" y="3" width="{100 * max(share, 0):.2f}%" height="20" '
-            f'rx="3"><title>{escape(mode)} from {row.time_ns * 1e-9:.2f} s to {until * 1e-9:.2f} s</title></rect>'
+            f'<rect class="mode-{place}" x="{_part(run, row.time_ns)}%" y="3" width="{100 * max(share, 0):.2f}%" '
+            f'height="20" rx="3"><title>{escape(mode)} from {row.time_ns * 1e-9:.2f} s to {until * 1e-9:.2f} s</title></rect>'
         )
     return "".join(parts)
 
@@ -149,7 +154,8 @@ def _glyph(row: Happening) -> str:
         return "attack"
     if row.kind == "event.outcome" and row.data.get("state") == "failed":
         return "failed"
-    if row.kind == "event.contact" and float(row.data.get("speed_mps") or 0.0) > HARD_MPS:
+    speed = row.data.get("speed_mps")
+    if row.kind == "event.contact" and isinstance(speed, float) and speed > HARD_MPS:
         return "crash"
     return _GLYPHS.get(row.kind, ("other", ""))[0]
 
@@ -157,28 +163,35 @@ def _glyph(row: Happening) -> str:
 def _axis(run: Gathered) -> str:
     values, step = ticks(run.start_ns * 1e-9, run.end_ns * 1e-9, 10)
     marks = "".join(
-        f'<text x="{_part(run, round(value * 1e9))}%" y="14" font-size="11" text-anchor="middle">{label(value, step)}</text>'
+        f'<text x="{_part(run, round(value * NS_PER_S))}%" y="14" font-size="11" text-anchor="middle">'
+        f"{label(value, step)}</text>"
         for value in values
-        if 0.01 < (value * 1e9 - run.start_ns) / (run.end_ns - run.start_ns) < 0.99
+        if 0.01 < (value * NS_PER_S - run.start_ns) / (run.end_ns - run.start_ns) < 0.99
     )
-    return f'<div class="lane axis"><div class="lane-name">time, s</div><svg class="lane-marks" height="20" aria-hidden="true">{marks}</svg></div>'
+    return (
+        '<div class="lane axis"><div class="lane-name">time, s</div>'
+        f'<svg class="lane-marks" height="20" aria-hidden="true">{marks}</svg></div>'
+    )
 
 
 def _legend(run: Gathered, modes: dict[str, int]) -> str:
     seen = {row.kind for row in run.events}
     items = [f'<span><i class="mode-{place % 8}"></i>{escape(mode)}</span>' for mode, place in modes.items()]
-    for kind, (glyph, said) in _GLYPHS.items():
-        if kind in seen:
-            items.append(f'<span><svg width="14" height="14" viewBox="-7 -7 14 14" class="mark" aria-hidden="true">{_SHAPES[glyph]}</svg>{said}</span>')
+    used = [pair for kind, pair in _GLYPHS.items() if kind in seen]
     if run.attacks:
-        items.append(f'<span><svg width="14" height="14" viewBox="-7 -7 14 14" class="mark" aria-hidden="true">{_SHAPES["attack"]}</svg>hostile act</span>')
+        used.append(("attack", "hostile act"))
+    for glyph, said in used:
+        items.append(
+            '<span><svg width="14" height="14" viewBox="-7 -7 14 14" class="mark" aria-hidden="true">'
+            f"{_SHAPES[glyph]}</svg>{said}</span>"
+        )
     return f'<div class="legend">{"".join(items)}</div>'
 
 
 def _spoken(vehicle: str, own: Sequence[Happening]) -> str:
     """The lane in words, for a screen reader."""
-    said = ", ".join(
-        f"{row.data.get('mode') if row.kind == 'event.mode' else row.kind.split('.', 1)[-1].replace('_', ' ')} at {row.time_ns * 1e-9:.1f} s"
-        for row in own[:20]
-    )
-    return escape(f"{vehicle} of {operator_of(vehicle)}: {said or 'no events'}", quote=True)
+    said = []
+    for row in own[:20]:
+        what = row.data.get("mode") if row.kind == "event.mode" else row.kind.split(".", 1)[-1].replace("_", " ")
+        said.append(f"{what} at {row.time_ns * 1e-9:.1f} s")
+    return escape(f"{vehicle} of {operator_of(vehicle)}: {', '.join(said) or 'no events'}", quote=True)

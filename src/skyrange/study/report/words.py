@@ -1,10 +1,10 @@
-"""How are numbers said on the page? Durations, counts, sizes, rates, with units; a dash where there is none."""
+"""How are numbers and tables said on the page? With units, thin spaces, and a dash where there is none."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -51,10 +51,36 @@ def latency(seconds: float) -> str:
     return quantity(seconds * 1e6, "µs", 0) if seconds < 1e-3 else quantity(seconds * 1e3, "ms", 1)
 
 
+def cells(*values: str) -> str:
+    """Right-aligned table cells of ready HTML."""
+    return "".join(f"<td class=num>{value}</td>" for value in values)
+
+
+def table(caption: str, texts: Sequence[str], numbers: Sequence[str], rows: Iterable[str], css: str = "") -> str:
+    """A scrolling table of ready rows: columns of `texts` first, then right-aligned columns of `numbers`."""
+    head = "".join(f"<th scope=col>{name}</th>" for name in texts)
+    head += "".join(f"<th scope=col class=num>{name}</th>" for name in numbers)
+    return (
+        f'<div class="scroll {css}"><table class="grid"><caption class="vh">{escape(caption)}</caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def named(index: int, vehicle: str) -> str:
+    """An aircraft's id after a swatch of its colour."""
+    return f'<span class="swatch ink-{index}"></span>{escape(vehicle)}'
+
+
+def nothing(sentence: str) -> str:
+    """What stands where there is nothing to show."""
+    return f'<p class="nothing">{escape(sentence)}</p>'
+
+
 def details(data: Mapping[str, Any]) -> str:
     """Key–value pairs as escaped HTML, in the record's order."""
     return " ".join(
-        f'<span class="kv"><span>{escape(str(key))}</span> {escape(_scalar(value))}</span>' for key, value in data.items()
+        f'<span class="kv"><span>{escape(str(key))}</span> {escape(_scalar(value))}</span>'
+        for key, value in data.items()
     )
 
 

@@ -8,8 +8,7 @@ fleet in four say the same bytes.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -29,26 +28,12 @@ from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Control, Flag, zer
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import SETTINGS, fill
 from skyrange.vehicle.builtin.telemetry import SERVICE_NS, STREAMS, Schedule, boot_rates
+from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 QUANTUM_S = 0.0025
 """The first step; later ones are as long as the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
 PHASE_STREAM = "vehicle.boot_phase"
-
-
-@dataclass(frozen=True, slots=True)
-class VehicleSpec:
-    """One aircraft: `home_enu_m` where it stands at the start, `heading_deg` clockwise from north.
-
-    `params` are ArduCopter parameters in their own units that replace defaults.
-    """
-
-    id: str
-    system_id: int
-    airframe: str = "iris"
-    home_enu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    heading_deg: float = 0.0
-    params: Mapping[str, float] = field(default_factory=dict)
 
 
 Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
@@ -87,24 +72,24 @@ class BuiltinFleet:
         Raises `InputError` for an empty fleet, a system id outside 1…250, an unknown airframe or bad parameters.
         """
         self.name = name
-        self.vehicles = [spec.id for spec in specs]
+        self.vehicles = [spec.vehicle for spec in specs]
         _check(name, specs)
         count = len(specs)
         estimate, flight = zeros(ESTIMATE, count), zeros(FLIGHT, count)
         settings = np.zeros(count, dtype=SETTINGS)
         crafts = []
         for row, spec in enumerate(specs):
-            fill(settings, row, spec.id, AIRFRAMES[spec.airframe], spec.system_id, spec.params)
-            port = Port(endpoint(spec.id, "autopilot"), link_name("autopilot", spec.id))
+            fill(settings, row, spec.vehicle, AIRFRAMES[spec.airframe], spec.system_id, spec.params)
+            port = Port(endpoint(spec.vehicle, "autopilot"), link_name("autopilot", spec.vehicle))
             packer = Packer(spec.system_id, COMPONENT)
-            crafts.append(Craft(spec.id, row, spec.system_id, port, packer, spec.home_enu_m))
+            crafts.append(Craft(spec.vehicle, row, spec.system_id, port, packer, spec.home_enu_m))
             estimate["pos"][row] = spec.home_enu_m
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1
         self.ports = [craft.port for craft in crafts]
         self._by_port = {craft.port: craft for craft in crafts}
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
-        phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.id), 0)[0] * NS_PER_S) for spec in specs]
+        phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
         self._schedule = Schedule(np.array(phases, dtype=np.int64))
         for craft in crafts:
             boot_rates(self._schedule, self._fleet, craft)
@@ -263,11 +248,11 @@ def _check(name: str, specs: Sequence[VehicleSpec]) -> None:
     for spec in specs:
         if spec.airframe not in AIRFRAMES:
             faults.append(
-                Fault(f"{spec.id} airframe", spec.airframe, "a known airframe", nearest(spec.airframe, AIRFRAMES))
+                Fault(f"{spec.vehicle} airframe", spec.airframe, "a known airframe", nearest(spec.airframe, AIRFRAMES))
             )
         if not 1 <= spec.system_id <= 250:
-            faults.append(Fault(f"{spec.id} system_id", str(spec.system_id), "1 to 250"))
+            faults.append(Fault(f"{spec.vehicle} system_id", str(spec.system_id), "1 to 250"))
         if not all(math.isfinite(part) for part in (*spec.home_enu_m, spec.heading_deg)):
-            faults.append(Fault(f"{spec.id} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
+            faults.append(Fault(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
     if faults:
         raise InputError(f"builtin autopilot {name}", faults)

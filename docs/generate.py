@@ -1,0 +1,362 @@
+"""Which parts of the reference are written by the code itself? Makes them, and puts them where they belong.
+
+`python docs/generate.py` rewrites every block between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in the
+pages beside it; `tests/unit/test_docs.py` fails while a block is out of date.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).parent
+BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
+
+
+def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A Markdown table; bars in cells are escaped."""
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    lines += [f"| {' | '.join(str(cell).replace('|', chr(92) + '|') for cell in row)} |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+# ---------------------------------------------------------------- the command line
+
+
+def commands() -> dict[str, Any]:
+    """Every command by what one types after `skyrange`, as click's object."""
+    import click
+    from typer.main import get_command
+
+    from skyrange.cli.app import app
+
+    found: dict[str, Any] = {}
+
+    def visit(command: Any, words: tuple[str, ...]) -> None:
+        below = getattr(command, "commands", None)
+        if below is None:
+            found[" ".join(words)] = command
+            return
+        for name, child in below.items():
+            visit(child, (*words, name))
+
+    root = get_command(app)
+    assert isinstance(root, click.Command) or hasattr(root, "commands")
+    visit(root, ())
+    return found
+
+
+def cli() -> str:
+    """Every command with its arguments and options, in the words of its `--help`."""
+    parts = []
+    for words, command in commands().items():
+        arguments = [p for p in command.params if p.param_type_name == "argument"]
+        options = [p for p in command.params if p.param_type_name == "option"]
+        usage = " ".join(
+            ["skyrange", words, *(f"{_metavar(a)}" for a in arguments), *(["[OPTIONS]"] if options else [])]
+        )
+        example = (command.epilog or "").removeprefix("Example: ")
+        rows = [(f"`{_metavar(a)}`", a.help or "", "required") for a in arguments]
+        rows += [(f"`{_spelling(o)}`", o.help or "", _default(o)) for o in options]
+        parts.append(f"### `skyrange {words}`\n\n{(command.help or '').strip()}\n\n```text\n{usage}\n```\n")
+        if rows:
+            parts.append(table(("argument or option", "meaning", "default"), rows))
+        parts.append(f"Example: `{example}`\n" if example else "")
+    return "\n".join(part for part in parts if part)
+
+
+def _metavar(argument: Any) -> str:
+    return str(argument.metavar or argument.name.upper())
+
+
+def _spelling(option: Any) -> str:
+    name = option.opts[0]
+    if option.is_flag:
+        return name
+    return f"{name} {option.metavar or option.type.name.upper()}"
+
+
+def _default(option: Any) -> str:
+    if option.is_flag or option.default is None or callable(option.default):
+        return ""
+    return f"{option.default:g}" if isinstance(option.default, float) else str(option.default)
+
+
+# ---------------------------------------------------------------- the scenario
+
+
+_SECTIONS = (
+    ("Scenario", "the top level"),
+    ("Origin", "`[origin]`"),
+    ("City", "`[city]`"),
+    ("Grid", "`[city.grid]`"),
+    ("Wind", "`[wind]`"),
+    ("Record", "`[record]`"),
+    ("Link", "`[[links]]`"),
+    ("Operator", "`[[operators]]`"),
+    ("Vehicle", "`[[operators.vehicles]]`"),
+    ("Start", "`start`"),
+    ("Plan", "`plan`"),
+    ("Square", "`plan.square`"),
+    ("Path", "`plan.path`"),
+)
+
+
+def scenario() -> str:
+    """Every key of a scenario from its JSON Schema."""
+    from skyrange.scenario import schema as described
+
+    schema = described.json_schema()
+    models = {"Scenario": schema, **schema["$defs"]}
+    missing = set(models) - {name for name, _ in _SECTIONS}
+    assert not missing, f"give {missing} a section"
+    parts = []
+    for name, where in _SECTIONS:
+        model, fields = models[name], getattr(described, name).model_fields
+        required = set(model.get("required", ()))
+        rows = [
+            (f"`{key}`", _kind(value), _range(fields[key]), _filled(key, value, required), value.get("description", ""))
+            for key, value in model["properties"].items()
+        ]
+        parts.append(f"### {where}\n\n{(model.get('description') or '').strip()}\n")
+        parts.append(table(("key", "type", "range", "default", "meaning"), rows))
+    return "\n".join(parts)
+
+
+def _choices(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The alternatives of a value but for null."""
+    return [one for one in value.get("anyOf", [value]) if one.get("type") != "null"]
+
+
+def _kind(value: Mapping[str, Any]) -> str:
+    return " or ".join(dict.fromkeys(_one_kind(one) for one in _choices(value)))
+
+
+def _one_kind(value: Mapping[str, Any]) -> str:
+    if "$ref" in value:
+        return "table"
+    if "enum" in value:
+        return " or ".join(f'"{one}"' for one in value["enum"])
+    kind = value.get("type")
+    if kind == "array":
+        below = value.get("items") or {}
+        if "$ref" in below:
+            return "array of tables"
+        return "list of lists of numbers" if below.get("type") == "array" else "list of numbers"
+    if kind == "string":
+        return "date and time" if value.get("format") == "date-time" else "text"
+    return {"number": "number", "integer": "whole number", "object": "table", "boolean": "true or false"}[str(kind)]
+
+
+def _range(field: Any) -> str:
+    """A field's bounds; those of a list's elements where only they have some."""
+    found = _bounds(field.metadata)
+    if not found:
+        elements = [part for part in getattr(field.annotation, "__args__", ()) if hasattr(part, "__metadata__")]
+        inner = [each for part in elements for data in part.__metadata__ for each in getattr(data, "metadata", ())]
+        found = list(dict.fromkeys(_bounds(inner)))
+    return " ".join(found)
+
+
+def _bounds(metadata: Iterable[Any]) -> list[str]:
+    words = (("gt", "above"), ("ge", "from"), ("lt", "below"), ("le", "to"), ("pattern", ""))
+    return [_bound(word, getattr(one, key)) for one in metadata for key, word in words if hasattr(one, key)]
+
+
+def _bound(word: str, value: object) -> str:
+    return f"{word} {value}" if word else f"`{value}`"
+
+
+def _filled(key: str, value: Mapping[str, Any], required: set[str]) -> str:
+    if key in required:
+        return "required"
+    default = value.get("default")
+    if default is None or default in ({}, []):
+        return ""
+    return f'"{default}"' if isinstance(default, str) else str(default)
+
+
+# ---------------------------------------------------------------- run folder, links
+
+
+def tables() -> str:
+    """Every table and column of a run's folder."""
+    from skyrange.record.schema import documentation
+
+    return documentation()
+
+
+def links() -> str:
+    """Every kind of link of a run, with its ends and default channel, as it is wired."""
+    from skyrange.core.ids import APPROVAL, endpoint
+    from skyrange.scenario.links import OPERATOR_LINKS, VEHICLE_LINKS
+    from skyrange.scenario.wire import APPROVAL_CHANNEL
+    from skyrange.vehicle.onboard import links as vehicle_links
+
+    specs = {spec.name.split(":")[0]: spec for spec in vehicle_links("blue/b1", "blue")}
+    assert set(specs) == set(VEHICLE_LINKS)
+    assert OPERATOR_LINKS == (APPROVAL,)
+    rows = [
+        (f"`{spec.name}`", f"`{spec.a}`", f"`{spec.b}`", spec.channel.mode, _ms(spec.channel.latency_ns))
+        for spec in (specs[kind] for kind in VEHICLE_LINKS)
+    ]
+    station = endpoint("blue", "gcs")
+    rows.append(
+        (f"`{APPROVAL}:blue`", f"`{station}`", f"`{APPROVAL}`", APPROVAL_CHANNEL.mode, _ms(APPROVAL_CHANNEL.latency_ns))
+    )
+    return table(("instance, for example", "first end", "second end", "mode", "latency"), rows)
+
+
+def routes() -> str:
+    """What proxy and companion forward."""
+    from skyrange.vehicle.onboard import RID_MESSAGES, for_remote_id
+    from skyrange.vehicle.onboard import routes as onboard
+
+    rows = [
+        (
+            f"`{r.endpoint}`",
+            f"`{r.source}`",
+            f"`{r.target}`",
+            "Remote ID's messages" if r.select is for_remote_id else "everything",
+            _ms(r.service_ns) if r.service_ns else "at once",
+        )
+        for r in onboard("blue/b1")
+    ]
+    names = ", ".join(f"`{_message(number)}`" for number in sorted(RID_MESSAGES))
+    return table(("endpoint", "from", "to", "what", "when"), rows) + f"\nRemote ID's messages are {names}.\n"
+
+
+def _ms(time_ns: int) -> str:
+    return f"{time_ns / 1e6:g} ms"
+
+
+# ---------------------------------------------------------------- the builtin autopilot
+
+
+def _message(number: int) -> str:
+    from skyrange.codec.mavlink import dialect
+
+    return str(dialect.mavlink_map[number].msgname)
+
+
+def _command(number: int) -> str:
+    from skyrange.codec.mavlink import dialect
+
+    return str(dialect.enums["MAV_CMD"][number].name)
+
+
+def modes() -> str:
+    """Flight modes, and in which one may arm."""
+    from skyrange.vehicle.builtin.modes import Mode, armable
+
+    rows = [
+        (f"`{m.name}`", int(m), "yes" if armable(m, 0) else "with bit 0 of `AUTO_OPTIONS`" if armable(m, 1) else "no")
+        for m in Mode
+    ]
+    return table(("mode", "number", "can be armed in"), rows)
+
+
+def autopilot_commands() -> str:
+    """Commands that are obeyed."""
+    from skyrange.vehicle.builtin.commands import HANDLERS
+
+    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(HANDLERS))
+
+
+def mission_items() -> str:
+    """Mission items that are flown."""
+    from skyrange.vehicle.builtin.mission_items import _SUPPORTED
+
+    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(_SUPPORTED))
+
+
+def messages() -> str:
+    """Messages that can be streamed or asked for, and the data stream that asks for each."""
+    from skyrange.vehicle.builtin.telemetry import BUILDERS, STREAMS
+
+    stream = {number: name for name, numbers in STREAMS.values() for number in numbers}
+    rows = [(f"`{_message(number)}`", number, f"`{stream[number]}`" if number in stream else "") for number in BUILDERS]
+    return table(("message", "id", "rate at boot"), rows)
+
+
+def heard() -> str:
+    """Messages that the autopilot acts on."""
+    from skyrange.vehicle.builtin import engine
+
+    numbers = sorted({*engine._HANDLERS, *engine._COMMANDS})
+    others = re.findall(r"MAVLINK_MSG_ID_([A-Z_]+)", Path(engine.__file__).read_text().split("def _receive", 1)[1])
+    names = sorted({_message(number) for number in numbers} | set(others))
+    return "".join(f"- `{name}`\n" for name in names)
+
+
+def parameters() -> str:
+    """Parameters with range, default and meaning."""
+    from skyrange.vehicle.builtin.parameters import PARAMETERS
+
+    rows = [(f"`{p.name}`", f"{p.default:g}", f"{p.low:g} to {p.high:g}", p.meaning) for p in PARAMETERS]
+    return table(("parameter", "default", "range", "meaning and unit"), rows)
+
+
+def tuning() -> str:
+    """What an airframe changes of the defaults."""
+    from skyrange.vehicle.builtin.parameters import TUNING
+
+    rows = [
+        (airframe, f"`{name}`", f"{value:g}") for airframe, values in TUNING.items() for name, value in values.items()
+    ]
+    return table(("airframe", "parameter", "value"), rows)
+
+
+def airframes() -> str:
+    """The airframe table."""
+    from dataclasses import fields
+
+    from skyrange.world.airframes import AIRFRAMES
+
+    names = [f.name for f in fields(next(iter(AIRFRAMES.values()))) if f.name not in ("name", "rotors")]
+    rows = [(f"`{name}`", *(_number(getattr(a, name)) for a in AIRFRAMES.values())) for name in names]
+    rows.append(("rotors", *(len(a.rotors) for a in AIRFRAMES.values())))
+    rows.append(("hover thrust, of full", *(f"{a.hover_thrust:.3f}" for a in AIRFRAMES.values())))
+    return table(("", *AIRFRAMES), rows)
+
+
+def _number(value: object) -> str:
+    return ", ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else f"{value:g}"
+
+
+GENERATED: dict[str, Callable[[], str]] = {
+    "cli": cli,
+    "scenario": scenario,
+    "tables": tables,
+    "links": links,
+    "routes": routes,
+    "modes": modes,
+    "commands": autopilot_commands,
+    "mission-items": mission_items,
+    "messages": messages,
+    "heard": heard,
+    "parameters": parameters,
+    "tuning": tuning,
+    "airframes": airframes,
+}
+
+
+def renewed(text: str) -> str:
+    """A page with every generated block as it should be."""
+    return BLOCK.sub(lambda found: found[1] + GENERATED[found[2]]().strip("\n") + "\n" + found[4], text)
+
+
+def main() -> None:
+    """Rewrite what is out of date."""
+    for page in sorted(DOCS.rglob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        new = renewed(text)
+        if new != text:
+            page.write_text(new, encoding="utf-8")
+            print(page)
+
+
+if __name__ == "__main__":
+    main()

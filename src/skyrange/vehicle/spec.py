@@ -1,0 +1,21 @@
+"""What does an autopilot need to know of an aircraft before the run? The same for every kind of engine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleSpec:
+    """One aircraft: `home_enu_m` where it stands at the start, `heading_deg` clockwise from north.
+
+    `params` are ArduCopter parameters in their own units that replace defaults.
+    """
+
+    vehicle: str
+    system_id: int
+    airframe: str = "iris"
+    home_enu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading_deg: float = 0.0
+    params: Mapping[str, float] = field(default_factory=dict)
