@@ -213,6 +213,8 @@ def test_a_header_that_is_no_json_and_rates_that_are_none(tmp_path: Path) -> Non
         Recorder.open(tmp_path / "run", {"seed": object()})
     with pytest.raises(InputError, match="JSON"):
         Recorder.open(tmp_path / "run", {"seed": float("nan")})
+    with pytest.raises(InputError, match="start_utc: 'noon'"):
+        Recorder.open(tmp_path / "run", {"start_utc": "noon"})
     with pytest.raises(InputError) as caught:
         Recorder.open(tmp_path / "run", {}, truth_hz=-1, sensors_hz=float("nan"))
     assert len(caught.value.faults) == 2

@@ -35,6 +35,7 @@ def run(
 ) -> None:
     """`skyrange run`."""
     from skyrange.cli.progress import progress
+    from skyrange.core.compiled import compiled_before
     from skyrange.runtime.run import free_folder
     from skyrange.scenario.catalogue import load
     from skyrange.study.session import fly
@@ -43,6 +44,8 @@ def run(
     scenario = load(name, changes, seed=seed, buildings=buildings)
     folder = out if out is not None else free_folder(scenario.name)
     shortfall: ShortfallError | None = None
+    if not as_json and not compiled_before():
+        print("compiling the numeric kernels, once (about 10 s)", file=sys.stderr, flush=True)
     with progress(scenario.name, quiet=as_json) as on_progress:
         try:
             record = fly(scenario, folder, speed=speed, on_progress=on_progress)

@@ -37,6 +37,12 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
         config.CACHE_DIR = before
 
 
+def compiled_before() -> bool:
+    """Whether this version's kernels were compiled here before; if not, the first run takes some seconds longer."""
+    folder = _cache_folder()
+    return bool(folder) and any(Path(folder).rglob("*.nbi"))
+
+
 @cache
 def _cache_folder() -> str:
     """Where compiled kernels are kept: beside the package, else with the user; "" leaves it to numba."""

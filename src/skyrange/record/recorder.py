@@ -24,7 +24,7 @@ from skyrange.agent.verdicts import Label
 from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
 from skyrange.record.digests import Digests
-from skyrange.record.finalise import finalise
+from skyrange.record.finalise import epoch_of, finalise
 from skyrange.record.folder import make_folder, put_file, unmake_folder, unwritable
 from skyrange.record.frames import FrameEncoder
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, here, write_manifest
@@ -119,6 +119,10 @@ class Recorder:
         """
         folder = Path(path)
         _check_rates(truth_hz, sensors_hz)
+        try:
+            epoch_of(header)
+        except ValueError as error:
+            raise InputError.one("header", "start_utc", repr(header["start_utc"]), "ISO 8601") from error
         rates = {"truth_hz": truth_hz, "sensors_hz": sensors_hz}
         manifest = {"format": FORMAT, "status": RUNNING, **here(), **header, "record": rates}
         manifest |= {"format": FORMAT, "status": RUNNING}

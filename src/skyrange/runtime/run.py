@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.agent.contracts import Observer
+from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.core.errors import ComponentError, ShortfallError
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
@@ -39,9 +40,20 @@ class Run:
         self._finished = False
 
     @classmethod
-    def start(cls, scenario: Scenario, out: Path, *, observers: Sequence[Observer] = ()) -> Run:
-        """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written."""
-        rig = wire(scenario)
+    def start(
+        cls,
+        scenario: Scenario,
+        out: Path,
+        *,
+        taps: Sequence[TapPlacement] = (),
+        attacks: Sequence[AttackPlan] = (),
+        observers: Sequence[Observer] = (),
+    ) -> Run:
+        """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
+
+        `taps` and `attacks` act on its links; `observers` see everything beside the recorder.
+        """
+        rig = wire(scenario, taps=taps, attacks=attacks)
         kernel = Kernel(rig.wiring)
         record = scenario.record
         recorder = Recorder.open(out, rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)

@@ -140,7 +140,10 @@ class Scenario(Model):
     )  # fmt: skip
     seed: Whole = Field(default=1, ge=0, le=2**63 - 1, description="Chance of the run: the same seed, the same run.")
     duration_s: Number = Field(
-        default=300.0, gt=0, le=31_536_000, description="Simulated seconds at most; a run ends early when all are done."
+        default=300.0,
+        gt=0,
+        le=31_536_000,
+        description="Simulated seconds that the run goes on for, also when all missions are over.",
     )
     start_utc: Annotated[datetime, Strict(), AfterValidator(_utc)] = Field(
         default=datetime(2026, 1, 1, 12, tzinfo=UTC), description="Date and time in UTC when simulated time is 0."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skyrange.agent.contracts import Agent
-from skyrange.agent.links import Channel, LinkSpec, Route
+from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
 from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, find
 from skyrange.city.city import City
 from skyrange.codec.missions import format_waypoints
@@ -54,8 +54,11 @@ class Rig:
     """Files of the run folder by name: the scenario, the missions and the city as flown."""
 
 
-def wire(scenario: Scenario) -> Rig:
-    """Build everything. Raises `InputError` with all that is wrong, before anything is written or started."""
+def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequence[AttackPlan] = ()) -> Rig:
+    """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
+
+    `taps` and `attacks` are placed on the scenario's links, by name or pattern.
+    """
     city = build_city(scenario)
     scenario = placed(scenario, city)
     faults = check(scenario, city)
@@ -77,7 +80,16 @@ def wire(scenario: Scenario) -> Rig:
             for vehicle in operator.vehicles
         ]
         agents.append(GroundStation(operator.id, flights, epoch))
-    wiring = Wiring(seed=scenario.seed, links=links, routes=all_routes, agents=agents, world=world, engines=engines)
+    wiring = Wiring(
+        seed=scenario.seed,
+        links=links,
+        routes=all_routes,
+        agents=agents,
+        taps=taps,
+        attacks=attacks,
+        world=world,
+        engines=engines,
+    )
     return Rig(
         scenario,
         wiring,

@@ -118,11 +118,12 @@ def _spread(colour: str, offsets: list[float], paper: str) -> list[str]:
 
 
 def _against(colour: str, paper: str, step: float) -> str:
-    for _ in range(50):
-        if contrast(colour, paper) >= 3.0:
+    made = colour
+    for count in range(1, 51):
+        if contrast(made, paper) >= 3.0:
             break
-        colour = _lighter(colour, step)
-    return colour
+        made = _lighter(colour, count * step)
+    return made
 
 
 def _linear(colour: str) -> NDArray[np.float64]:

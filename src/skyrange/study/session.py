@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.record import RunRecord, load
 from skyrange.runtime.run import OnProgress, Run, free_folder
@@ -13,13 +14,21 @@ from skyrange.scenario.schema import Scenario
 
 
 def fly(
-    scenario: Scenario, out: Path, *, speed: float = 0.0, on_progress: OnProgress | None = None, report: bool = True
+    scenario: Scenario,
+    out: Path,
+    *,
+    speed: float = 0.0,
+    taps: Sequence[TapPlacement] = (),
+    attacks: Sequence[AttackPlan] = (),
+    on_progress: OnProgress | None = None,
+    report: bool = True,
 ) -> RunRecord:
     """Run `scenario` into the folder `out` and write its report.
 
-    Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
+    `taps` and `attacks` are placed on its links. Errors as `Run.execute`; after a `ShortfallError`
+    (Ctrl-C) the report is there as well.
     """
-    run = Run.start(scenario, out)
+    run = Run.start(scenario, out, taps=taps, attacks=attacks)
     try:
         run.execute(speed=speed, on_progress=on_progress)
     except ShortfallError:
@@ -45,13 +54,16 @@ def run(
     speed: float = 0.0,
     buildings: str | Path | None = None,
     changes: Sequence[str] = (),
+    taps: Sequence[TapPlacement] = (),
+    attacks: Sequence[AttackPlan] = (),
     on_progress: OnProgress | None = None,
 ) -> RunRecord:
     """Fly a scenario and return its record; the Python spelling of `skyrange run`.
 
     `scenario` is a `Scenario`, a shipped scenario's name, or a TOML file. `out` defaults to the first
     free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
-    `--set` takes them) apply to names and files; a `Scenario` is flown as it is.
+    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps` and `attacks`
+    are placed on its links by name or pattern.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -59,4 +71,4 @@ def run(
     else:
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
     folder = Path(out) if out is not None else free_folder(scenario.name)
-    return fly(scenario, folder, speed=speed, on_progress=on_progress)
+    return fly(scenario, folder, speed=speed, taps=taps, attacks=attacks, on_progress=on_progress)

@@ -137,8 +137,8 @@ def data(run: Gathered, notes: dict[str, Any]) -> str:
     )
     return (
         f'<div class="cols"><div><pre><code>{code}</code></pre>{cut}</div><div class="scroll"><table class="grid">'
-        f'<caption class="vh">Digests</caption><tbody>{digests}<tr><th scope=row>folder</th><td><code>{path}</code></td></tr>'
-        "</tbody></table></div></div>"
+        f'<caption class="vh">Digests</caption><tbody>{digests}'
+        f"<tr><th scope=row>folder</th><td><code>{path}</code></td></tr></tbody></table></div></div>"
     )
 
 

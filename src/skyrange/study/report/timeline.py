@@ -125,14 +125,15 @@ def _part(run: Gathered, time_ns: int) -> str:
 def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> str:
     changes = [row for row in own if row.kind == "event.mode"]
     parts = []
-    for row, after in zip(changes, [*changes[1:], None], strict=True):
+    ends = [row.time_ns for row in changes[1:]] + [run.end_ns]
+    for row, until in zip(changes, ends, strict=False):  # no change, no band
         mode = str(row.data.get("mode", "?"))
         place = modes.setdefault(mode, len(modes)) % 8
-        until = after.time_ns if after else run.end_ns
         share = (until - row.time_ns) / (run.end_ns - run.start_ns)
         parts.append(
             f'<rect class="mode-{place}" x="{_part(run, row.time_ns)}%" y="3" width="{100 * max(share, 0):.2f}%" '
-            f'height="20" rx="3"><title>{escape(mode)} from {row.time_ns * 1e-9:.2f} s to {until * 1e-9:.2f} s</title></rect>'
+            f'height="20" rx="3"><title>{escape(mode)} from {row.time_ns * 1e-9:.2f} s to {until * 1e-9:.2f} s</title>'
+            "</rect>"
         )
     return "".join(parts)
 

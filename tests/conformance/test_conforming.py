@@ -1,0 +1,156 @@
+"""Everything that is shipped, and every toy that the probes use, keeps its contract."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import pytest
+
+from skyrange.agent import plugins
+from skyrange.agent.frames import Frame
+from skyrange.agent.links import LinkSpec
+from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, find, kinds
+from skyrange.agent.verdicts import Pass, Verdict
+from skyrange.core.ids import Port
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.gcs import paths, plans
+from skyrange.gcs.station import Flight, GroundStation
+from skyrange.kernel import EngineMount, Kernel, Wiring
+from skyrange.testing import Letter, Postbag, check_agent, check_approval, check_engine, check_tap
+from skyrange.testing.approvals import EPOCH, ordinary
+from skyrange.testing.engines import CHANCE, FLEET, ORIGIN, open_field
+from skyrange.utm.approve_all import ApproveAll
+from skyrange.utm.messages import Request, encode
+from skyrange.utm.service import FlightApproval
+from skyrange.vehicle.builtin.engine import BuiltinFleet
+from tests.probes.test_taps import Flooder, Meddler
+from tests.probes.toys import Bodies, Climber, Fleet, Station, onboard
+
+BLUE = FLEET[:2]
+
+
+def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plugins, "_registered", {})
+    assert set(kinds(APPROVALS)) == {"approve-all"}
+    assert set(kinds(AUTOPILOTS)) == {"builtin"}
+
+
+# ---------------------------------------------------------------- what is shipped
+
+
+def test_approve_all() -> None:
+    check_approval(find(APPROVALS, "approve-all"))
+
+
+def test_builtin_autopilot() -> None:
+    check_engine(find(AUTOPILOTS, "builtin"))
+
+
+def test_flight_approval() -> None:
+    mail = [
+        Letter(now, Port("approval", f"approval:{intent.operator}"), encode(Request.of(intent, EPOCH)))
+        for now, intent in ordinary()
+    ]
+    check_agent(lambda: FlightApproval(["blue", "green"], EPOCH, ApproveAll()), mail=mail)
+
+
+def ground_station(kind: plans.Kind) -> GroundStation:
+    flights = []
+    for spec in BLUE:
+        plan = plans.path(ORIGIN, spec.home_enu_m, paths.square(4.0, 5.0), kind=kind, cruise_mps=5.0)
+        flights.append(Flight(vehicle=spec.vehicle, system_id=spec.system_id, plan=plan))
+    return GroundStation("blue", flights, EPOCH)
+
+
+def conversation(kind: plans.Kind, until: Time) -> list[Letter]:
+    """What the ground station is told in a whole flight with the builtin autopilot."""
+    links = [LinkSpec("approval:blue", "blue.gcs", "approval")]
+    relays = []
+    for spec in BLUE:
+        some_links, some_routes = onboard(spec.vehicle)
+        links += some_links
+        relays += some_routes
+    station = ground_station(kind)
+    bag = Postbag(station.ports, links)
+    wiring = Wiring(
+        seed=1,
+        links=links,
+        routes=relays,
+        agents=[station, FlightApproval(["blue"], EPOCH, ApproveAll())],
+        world=open_field(BLUE),
+        engines=[EngineMount(BuiltinFleet("builtin", list(BLUE), ORIGIN, EPOCH, CHANCE), slice(None))],
+    )
+    kernel = Kernel(wiring, [bag])
+    kernel.advance(until)
+    assert station.finished, station.states
+    assert all(outcome.state == "complete" for outcome in station.outcomes.values()), station.outcomes
+    return bag.letters
+
+
+@pytest.mark.parametrize("kind", ["auto", "guided"])
+def test_ground_station(kind: plans.Kind) -> None:
+    until = 90 * NS_PER_S
+    check_agent(lambda: ground_station(kind), mail=conversation(kind, until), until=until)
+
+
+def test_a_ground_station_that_nobody_answers() -> None:
+    check_agent(lambda: ground_station("auto"), until=60 * NS_PER_S)
+
+
+# ---------------------------------------------------------------- toys
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Fleet("fleet", ["blue/b1", "green/g1"]),
+        lambda: Station("blue", ["blue/b1", "blue/b2"]),
+        lambda: Flooder(ports=[Port("blue/b1.proxy", "autopilot:blue/b1")]),
+    ],
+    ids=["fleet", "station", "flooder"],
+)
+def test_toy_agents(make) -> None:
+    check_agent(make)
+
+
+@dataclass
+class Lull(Meddler):
+    """The probes' meddler, which replays what it has heard, on a link that may be silent."""
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        if self.heard:
+            return super().on_wakeup(now)
+        self.due = now + NS_PER_S
+        return []
+
+
+@dataclass
+class Witness:
+    """A defender's tap: it looks and lets pass."""
+
+    link: str
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        return [Pass()]
+
+    def next_wakeup(self) -> Time | None:
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        return ()
+
+
+@pytest.mark.parametrize("make", [Lull, Witness])
+@pytest.mark.parametrize("payloads", [(), tuple(f"ask {k}".encode() for k in range(50))], ids=["mavlink", "text"])
+def test_toy_taps(make, payloads: Sequence[bytes]) -> None:
+    check_tap(make, payloads=payloads)
+
+
+def test_toy_engine() -> None:
+    """One at a time: the probes' world takes 1 m/s for each place in the row, beyond what a motor takes."""
+
+    def climber(name, specs, origin, epoch, chance) -> Climber:
+        return Climber(name, [spec.vehicle for spec in specs])
+
+    check_engine(climber, specs=FLEET[:1], world=lambda specs: Bodies([spec.vehicle for spec in specs]), mail=())

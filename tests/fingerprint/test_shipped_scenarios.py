@@ -1,0 +1,30 @@
+"""What happens in the shipped scenarios, in which order: a changed digest lands with its explanation in the commit.
+
+Only the `events` digest is pinned: it holds kinds and their order per vehicle, no times, and so is the
+same on every machine. The exact digests of frames and truth are compared between runs, not between machines.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skyrange.scenario.catalogue import SHIPPED, load
+from skyrange.study.session import fly
+
+EVENTS = {
+    "squares": "251f547cda3ae7a47c8e499da8c9c776",
+    "survey": "5910fd9e32396594720b1e73f215d556",
+}
+
+
+def test_every_shipped_scenario_is_pinned() -> None:
+    assert set(EVENTS) == set(SHIPPED)
+
+
+@pytest.mark.parametrize("name", sorted(EVENTS))
+def test_events_are_what_they_were(name: str, tmp_path: Path) -> None:
+    record = fly(load(name), tmp_path / "run", report=False)
+    assert {outcome["state"] for outcome in record.outcomes.values()} == {"complete"}
+    assert record.manifest["digests"]["events"] == EVENTS[name]

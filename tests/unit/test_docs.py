@@ -1,0 +1,276 @@
+"""Are the documents true? Links lead somewhere, examples run, commands exist, references are what the code says.
+
+Examples are fenced blocks whose first line says more than the language: `toml scenario NAME` is a whole scenario and is
+written to NAME, `json file NAME` is a file, `python run` and `console run` are executed, in order, each page in a
+folder of its own that holds the run `runs/squares`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import shlex
+import shutil
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
+PARAMS = [pytest.param(page, id=str(page.relative_to(ROOT))) for page in PAGES]
+FENCE = re.compile(r"^( *)```([^\n]*)\n(.*?)^\1```[ ]*$", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+KINDS = re.compile(r'"((?:event|decision)\.[a-z_]+)')
+
+_spec = importlib.util.spec_from_file_location("docs_generate", DOCS / "generate.py")
+assert _spec is not None
+assert _spec.loader is not None
+generate = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(generate)
+
+
+class Block(NamedTuple):
+    """A fenced block: the words after the fence, the text, and the line where it begins."""
+
+    words: tuple[str, ...]
+    text: str
+    line: int
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    found = []
+    for match in FENCE.finditer(text):
+        body = re.sub(rf"^{match[1]}", "", match[3], flags=re.MULTILINE)
+        found.append(Block(tuple(match[2].split()), body, text.count("\n", 0, match.start()) + 1))
+    return found
+
+
+def prose(page: Path) -> str:
+    """A page without its fenced blocks."""
+    return FENCE.sub("", page.read_text(encoding="utf-8"))
+
+
+@cache
+def anchors(page: Path) -> frozenset[str]:
+    """The anchors of a page's headings, by GitHub's rule: lower case, punctuation gone, spaces to hyphens."""
+    found: list[str] = []
+    for heading in re.findall(r"^#{1,6} +(.+?) *$", prose(page), re.MULTILINE):
+        plain = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        anchor = re.sub(r"[^\w\- ]", "", plain.lower()).replace(" ", "-")
+        found.append(f"{anchor}-{found.count(anchor)}" if anchor in found else anchor)
+    return frozenset(found)
+
+
+def console_lines(block: Block) -> list[list[str]]:
+    """The arguments of every `skyrange …` of a console block or a shell block."""
+    lines = [line.removeprefix("$ ") for line in block.text.replace("\\\n", " ").splitlines()]
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("skyrange ")]
+
+
+# ---------------------------------------------------------------- what holds of every page
+
+
+@pytest.mark.parametrize("page", PARAMS)
+def test_links_lead_somewhere(page: Path) -> None:
+    broken = []
+    for target in LINK.findall(prose(page)):
+        if target.startswith(("https://", "http://", "mailto:")):
+            continue
+        name, _, anchor = target.partition("#")
+        there = (page.parent / name).resolve() if name else page
+        if not there.exists():
+            broken.append(target)
+        elif anchor and there.suffix == ".md" and anchor not in anchors(there):
+            broken.append(target)
+    assert not broken
+
+
+@pytest.mark.parametrize("page", PARAMS)
+def test_generated_parts_are_up_to_date(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert text == generate.renewed(text), "run: python docs/generate.py"
+    assert text.count("<!-- generated:") == len(generate.BLOCK.findall(text))
+
+
+@pytest.mark.parametrize("page", PARAMS)
+def test_blocks_are_closed_and_known(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "```" not in FENCE.sub("", text)
+    known = {
+        "console",
+        "console run",
+        "json",
+        "json file",
+        "python",
+        "python run",
+        "sh",
+        "text",
+        "toml",
+        "toml scenario",
+    }
+    assert {" ".join(block.words[:2]) for block in blocks(page)} <= known
+
+
+@pytest.mark.parametrize("page", PARAMS)
+def test_toml_is_toml(page: Path) -> None:
+    for block in blocks(page):
+        if block.words[0] == "toml":
+            tomllib.loads(block.text)
+
+
+@pytest.mark.parametrize("page", PARAMS)
+def test_commands_exist(page: Path) -> None:
+    """Command, options and number of arguments are parsed as the command line parses them; nothing is executed."""
+    import click
+
+    known = generate.commands()
+    text = page.read_text(encoding="utf-8")
+    lines = [line for block in blocks(page) if block.words[0] in ("console", "sh") for line in console_lines(block)]
+    spoken = [shlex.split(code)[1:] for code in re.findall(r"`(skyrange [a-z][^`]*)`", prose(page)) if "'" not in code]
+    for arguments in lines:
+        words = " ".join(arguments[:2]) if " ".join(arguments[:2]) in known else arguments[0]
+        assert words in known, f"{page.name}: skyrange {' '.join(arguments)}"
+        try:
+            known[words].make_context(words, arguments[len(words.split()) :])
+        except click.exceptions.Exit:
+            pass
+    for arguments in spoken:
+        assert any(words.split()[0] == arguments[0] for words in known), f"{page.name}: skyrange {' '.join(arguments)}"
+    assert "skyrange" in text or "CHANGELOG" not in page.name
+
+
+def test_every_page_is_reached_from_the_index() -> None:
+    index = DOCS / "README.md"
+    reached, waiting = {index}, [index]
+    while waiting:
+        page = waiting.pop()
+        for target in LINK.findall(prose(page)):
+            there = (page.parent / target.partition("#")[0]).resolve()
+            if there.suffix == ".md" and there.is_relative_to(DOCS) and there not in reached:
+                reached.add(there)
+                waiting.append(there)
+    assert {page for page in PAGES if page.is_relative_to(DOCS)} <= reached
+
+
+def test_pictures_are_small() -> None:
+    for picture in (DOCS / "images").iterdir():
+        assert picture.stat().st_size < 400_000, picture
+
+
+# ---------------------------------------------------------------- examples
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which `squares` has been flown."""
+    from skyrange import run
+
+    folder = tmp_path_factory.mktemp("flown")
+    run("squares", folder / "runs" / "squares", changes=["duration_s=40"])
+    return folder
+
+
+RUNNABLE = [
+    param
+    for param in PARAMS
+    if any(block.words[1:2] in (("run",), ("scenario",), ("file",)) for block in blocks(param.values[0]))
+]
+
+
+@pytest.mark.parametrize("page", RUNNABLE)
+def test_examples_run(
+    page: Path, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a page tells its reader to do works, in the order in which it is told."""
+    from skyrange.scenario.load import load_file
+    from skyrange.scenario.wire import wire
+
+    shutil.copytree(flown / "runs", tmp_path / "runs")
+    if page.parent == DOCS / "tutorials" or page == ROOT / "README.md":
+        shutil.rmtree(tmp_path / "runs")  # a tutorial starts from nothing
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for block in blocks(page):
+        where = f"{page.relative_to(ROOT)}:{block.line}"
+        if block.words[1:2] == ("scenario",):
+            path = tmp_path / block.words[2]
+            path.write_text(block.text, encoding="utf-8")
+            wire(load_file(path))
+        elif block.words[1:2] == ("file",):
+            (tmp_path / block.words[2]).write_text(block.text, encoding="utf-8")
+        elif block.words == ("python", "run"):
+            exec(compile("\n" * block.line + block.text, where, "exec"), names)  # noqa: S102
+        elif block.words == ("console", "run"):
+            for arguments in console_lines(block):
+                _command_line(arguments, where)
+        capsys.readouterr()
+
+
+def _command_line(arguments: list[str], where: str) -> None:
+    from skyrange.cli.app import app
+
+    try:
+        app(arguments, standalone_mode=False)
+    except SystemExit as ended:
+        assert not ended.code, f"{where}: skyrange {' '.join(arguments)} exits with {ended.code}"
+
+
+def test_readme_scenario_and_python_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The README says that its TOML and its Python give the same fingerprint."""
+    from skyrange import run
+
+    monkeypatch.chdir(tmp_path)
+    found = {block.words[:2]: block.text for block in blocks(ROOT / "README.md")}
+    Path("first.toml").write_text(found["toml", "scenario"], encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec(found["python", "run"], names)  # noqa: S102
+    assert names["record"].manifest["digests"] == run("first.toml").manifest["digests"]
+
+
+# ---------------------------------------------------------------- references that are written by hand
+
+
+def test_manifest_keys_are_described(flown: Path) -> None:
+    manifest = json.loads((flown / "runs" / "squares" / "manifest.json").read_text(encoding="utf-8"))
+    page = (DOCS / "reference" / "run-folder.md").read_text(encoding="utf-8")
+    assert not [key for key in manifest if f"`{key}`" not in page]
+
+
+def test_files_of_a_run_are_described(flown: Path) -> None:
+    page = (DOCS / "reference" / "run-folder.md").read_text(encoding="utf-8")
+    folder = flown / "runs" / "squares"
+    for path in folder.iterdir():
+        assert f"`{path.name}" in page, path.name
+
+
+def test_kinds_of_notes_are_described() -> None:
+    """Every `event.…` and `decision.…` that the sources name stands in the reference, and no other."""
+    said: set[str] = set()
+    for source in (ROOT / "src" / "skyrange").rglob("*.py"):
+        if "testing" not in source.parts:
+            said |= set(KINDS.findall(source.read_text(encoding="utf-8")))
+    page = (DOCS / "reference" / "run-folder.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| `((?:event|decision)\.[a-z_]+)", page, re.MULTILINE))
+    assert listed == said
+
+
+def test_root_exports_are_described() -> None:
+    import skyrange
+
+    page = (DOCS / "reference" / "python-api.md").read_text(encoding="utf-8")
+    assert not [name for name in skyrange.__all__ if f"`{name}`" not in page and f"`{name}(" not in page]
+    for module, name in re.findall(r"`(skyrange(?:\.[a-z_]+)+)\.([A-Za-z_]+)[`(]", page):
+        assert importlib.util.find_spec(f"{module}.{name}") or hasattr(importlib.import_module(module), name)
+
+
+def test_decisions_are_whole() -> None:
+    """Each page of the decisions says context, decision, consequences, and how to undo it."""
+    for page in sorted((DOCS / "decisions").glob("0*.md")):
+        heads = re.findall(r"^## (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+        assert heads == ["Context", "Decision", "Consequences", "How to undo it"], page.name
