@@ -15,7 +15,8 @@ from skyrange.agent.messages import Inbox, Note, Outbox
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing import Letter, NonConformance, check_engine
-from skyrange.testing.engines import ENGINE, FLEET
+from skyrange.testing.engines import ENGINE
+from skyrange.testing.fleet import FLEET
 from skyrange.vehicle.spec import VehicleSpec
 
 MAIL = [

@@ -19,7 +19,7 @@ from skyrange.gcs.station import Flight, GroundStation
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.testing import Letter, Postbag, check_agent, check_approval, check_engine, check_tap
 from skyrange.testing.approvals import EPOCH, ordinary
-from skyrange.testing.engines import CHANCE, FLEET, ORIGIN, open_field
+from skyrange.testing.fleet import CHANCE, FLEET, ORIGIN, open_field
 from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.messages import Request, encode
 from skyrange.utm.service import FlightApproval

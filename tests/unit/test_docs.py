@@ -13,6 +13,7 @@ import re
 import shlex
 import shutil
 import tomllib
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -84,9 +85,8 @@ def test_links_lead_somewhere(page: Path) -> None:
             continue
         name, _, anchor = target.partition("#")
         there = (page.parent / name).resolve() if name else page
-        if not there.exists():
-            broken.append(target)
-        elif anchor and there.suffix == ".md" and anchor not in anchors(there):
+        known = not anchor or there.suffix != ".md" or (there.exists() and anchor in anchors(there))
+        if not (there.exists() and known):
             broken.append(target)
     assert not broken
 
@@ -130,19 +130,15 @@ def test_commands_exist(page: Path) -> None:
     import click
 
     known = generate.commands()
-    text = page.read_text(encoding="utf-8")
     lines = [line for block in blocks(page) if block.words[0] in ("console", "sh") for line in console_lines(block)]
     spoken = [shlex.split(code)[1:] for code in re.findall(r"`(skyrange [a-z][^`]*)`", prose(page)) if "'" not in code]
     for arguments in lines:
         words = " ".join(arguments[:2]) if " ".join(arguments[:2]) in known else arguments[0]
         assert words in known, f"{page.name}: skyrange {' '.join(arguments)}"
-        try:
+        with suppress(click.exceptions.Exit):
             known[words].make_context(words, arguments[len(words.split()) :])
-        except click.exceptions.Exit:
-            pass
     for arguments in spoken:
         assert any(words.split()[0] == arguments[0] for words in known), f"{page.name}: skyrange {' '.join(arguments)}"
-    assert "skyrange" in text or "CHANGELOG" not in page.name
 
 
 def test_every_page_is_reached_from_the_index() -> None:
@@ -205,7 +201,7 @@ def test_examples_run(
         elif block.words[1:2] == ("file",):
             (tmp_path / block.words[2]).write_text(block.text, encoding="utf-8")
         elif block.words == ("python", "run"):
-            exec(compile("\n" * block.line + block.text, where, "exec"), names)  # noqa: S102
+            exec(compile("\n" * block.line + block.text, where, "exec"), names)
         elif block.words == ("console", "run"):
             for arguments in console_lines(block):
                 _command_line(arguments, where)
@@ -215,10 +211,12 @@ def test_examples_run(
 def _command_line(arguments: list[str], where: str) -> None:
     from skyrange.cli.app import app
 
+    code: object = 0
     try:
         app(arguments, standalone_mode=False)
     except SystemExit as ended:
-        assert not ended.code, f"{where}: skyrange {' '.join(arguments)} exits with {ended.code}"
+        code = ended.code
+    assert not code, f"{where}: skyrange {' '.join(arguments)} exits with {code}"
 
 
 def test_readme_scenario_and_python_are_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -229,7 +227,7 @@ def test_readme_scenario_and_python_are_one(tmp_path: Path, monkeypatch: pytest.
     found = {block.words[:2]: block.text for block in blocks(ROOT / "README.md")}
     Path("first.toml").write_text(found["toml", "scenario"], encoding="utf-8")
     names: dict[str, Any] = {}
-    exec(found["python", "run"], names)  # noqa: S102
+    exec(found["python", "run"], names)
     assert names["record"].manifest["digests"] == run("first.toml").manifest["digests"]
 
 

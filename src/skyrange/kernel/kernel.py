@@ -79,6 +79,9 @@ class Kernel:
         for port, box in owners:
             if port not in incoming:
                 raise ComponentError(box.name, f"owns the port {port.endpoint} on {port.link}, which is no link's end")
+            taken = incoming[port].receiver
+            if taken is not None:
+                raise ComponentError(box.name, f"owns the port {port.endpoint} on {port.link}, as {taken.name} does")
             incoming[port].receiver = box
         quantum = self._world.quantum_ns if self._world is not None else 0
         preroll = max((berth.engine.preroll_ns for berth in self._berths), default=0)
@@ -123,20 +126,27 @@ class Kernel:
                 )
             traffic.land(*transit)
         last = (until << 3) | 7
-        while True:
-            head = heap[0][0] if heap else last + 1
-            if self._next_tick <= until and (self._next_tick << 3) <= head:
-                self._tick(self._next_tick)
-                self._next_tick += self._quantum
-                continue
-            if head > last:
-                break
-            key, _, _, _, code, data = heappop(heap)
-            if code == _STEP:
-                if data.due == key >> 3:
-                    self._step(key >> 3, data)
-            else:
-                traffic.handle(key >> 3, code, data)
+        at = self.now
+        try:
+            while True:
+                head = heap[0][0] if heap else last + 1
+                if self._next_tick <= until and (self._next_tick << 3) <= head:
+                    at = self._next_tick
+                    self._next_tick += self._quantum
+                    self._tick(at)
+                    continue
+                if head > last:
+                    break
+                key, _, _, _, code, data = heappop(heap)
+                at = key >> 3
+                if code == _STEP:
+                    if data.due == at:
+                        self._step(at, data)
+                else:
+                    traffic.handle(at, code, data)
+        except BaseException:
+            self.now = at  # so that `finish` knows what had begun
+            raise
         self.now = until
         outbound, traffic.outbound = traffic.outbound, []
         return outbound
@@ -179,7 +189,8 @@ class Kernel:
             for observer in self._traffic.observers:
                 observer.on_truth(now, world)
             periods = [observer.truth_period_ns for observer in self._traffic.observers]
-            self._next_truth = now + max(min(periods, default=self._quantum), self._quantum)
+            period = max(min(periods, default=self._quantum), self._quantum)
+            self._next_truth = now - now % period + period
 
     def _check_status(self, now: Time, berth: _Berth, status: Sequence[InstanceStatus]) -> None:
         gone: list[str] = []

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field
+from math import gcd
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self
@@ -81,7 +82,7 @@ class Recorder:
     ) -> None:
         """Use `Recorder.open`."""
         self.path = path
-        self.truth_period_ns: Time = min(state.truth_ns, state.sensors_ns)
+        self.truth_period_ns: Time = _common(state.truth_ns, state.sensors_ns)
         self._manifest = manifest
         self._state = state
         self._spool = spool
@@ -346,6 +347,12 @@ def _check_rates(truth_hz: float, sensors_hz: float) -> None:
     faults = [Fault(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
     if faults:
         raise InputError("recorder", faults)
+
+
+def _common(truth_ns: Time, sensors_ns: Time) -> Time:
+    """A period that meets the multiples of both; one that is not recorded (NEVER) has no say."""
+    wanted = [period for period in (truth_ns, sensors_ns) if period != NEVER]
+    return gcd(*wanted) if wanted else NEVER
 
 
 def _period(rate_hz: float) -> Time:

@@ -12,17 +12,13 @@ from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing.driving import Step, copied, drive, rows
 from skyrange.testing.form import check_causes, check_departures, check_notes, said
-from skyrange.testing.hostile import forged, garbage, siege, spoiled
+from skyrange.testing.hostile import Volume, check_modest, forged, garbage, short_garbage, siege, spoiled
 from skyrange.testing.mail import Letter, post
 from skyrange.testing.purity import watched
 from skyrange.testing.rules import RuleBook, need, same, short
 
 LATE_NS = 1_300 * NS_PER_MS
 """How late an overloaded kernel steps an agent in the check."""
-MAX_ANSWERS = 1
-"""Departures, and notes, that one frame of garbage may cause."""
-MAX_ANSWER_BYTES = 2_048
-"""Bytes that one frame of garbage may cause, beyond its own length."""
 _BEFORE = -1
 """Nothing has happened yet, not even the instant 0."""
 
@@ -164,21 +160,8 @@ def _hostile(case: AgentCase) -> None:
 
 @AGENT.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
 def _modest(case: AgentCase) -> None:
-    payloads = [payload for payload in garbage() if len(payload) <= MAX_ANSWER_BYTES]
-    frames = len(payloads) * len(case.make().ports)
-    received = sum(map(len, payloads)) * len(case.make().ports)
-    check_modest(_volume(case.friendly), _volume(case.besieged(payloads)[1]), frames, received)
-
-
-Volume = tuple[int, int, int]
-"""Departures, notes, bytes."""
-
-
-def check_modest(quiet: Volume, loud: Volume, frames: int, received: int) -> None:
-    """`Broken` where `frames` of garbage, `received` bytes in all, made `loud` out of `quiet` beyond the bounds."""
-    bounds = (MAX_ANSWERS * frames, MAX_ANSWERS * frames, received + MAX_ANSWER_BYTES * frames)
-    for what, base, count, most in zip(("departures", "notes", "bytes"), quiet, loud, bounds, strict=True):
-        need(count - base <= most, f"{count - base} {what} more for {frames} frames of garbage", f"at most {most}")
+    payloads, ports = short_garbage(), case.make().ports
+    check_modest(_volume(case.friendly), _volume(case.besieged(payloads)[1]), payloads, len(ports))
 
 
 def _volume(steps: Sequence[Step]) -> Volume:

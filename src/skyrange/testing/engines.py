@@ -4,50 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cached_property
 
 from skyrange.agent.contracts import Engine, Finished, InstanceStatus, World
-from skyrange.codec.mavlink import Packer, dialect
-from skyrange.core.chance import Chance
-from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, owner_of
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.testing import agents
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing.driving import copied
+from skyrange.testing.fleet import CHANCE, EPOCH, FLEET, ORIGIN, Factory, open_field, take_off
 from skyrange.testing.flying import Flight
 from skyrange.testing.form import Said, check_causes, check_departures, check_notes
-from skyrange.testing.hostile import forged, garbage, siege, spoiled
+from skyrange.testing.hostile import Volume, check_modest, forged, garbage, short_garbage, siege, spoiled
 from skyrange.testing.mail import Letter, post
 from skyrange.testing.purity import watched
 from skyrange.testing.rules import RuleBook, need, same, short
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body
-from skyrange.world import World as Bodies
-
-ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
-EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
-CHANCE = Chance(7)
-FLEET = tuple(
-    VehicleSpec(vehicle=vehicle, system_id=system, airframe="iris", home_enu_m=(east, north, 0.0), heading_deg=heading)
-    for vehicle, system, east, north, heading in (
-        ("blue/b1", 1, 5.0, 5.0, 0.0),
-        ("blue/b2", 2, 10.0, 0.0, 90.0),
-        ("green/g1", 1, -5.0, -10.0, 200.0),
-        ("green/g2", 2, -15.0, 0.0, 359.0),
-    )
-)
-"""The aircraft that an engine is checked with."""
 
 ENGINE: RuleBook[EngineCase] = RuleBook("engine")
-
-Factory = Callable[[str, Sequence[VehicleSpec], Origin, Epoch, Chance], Engine]
-"""What an autopilot registers: `factory(name, specs, origin, epoch, chance)`."""
-
-
-def open_field(specs: Sequence[VehicleSpec]) -> World:
-    """The shipped world: bodies at their homes, no wind, no city."""
-    return Bodies([Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], 0.0, s.heading_deg) for s in specs])
 
 
 @dataclass
@@ -87,31 +59,6 @@ class EngineCase:
         return self.flight(hostile=siege(payloads, self.make().ports, begin, spacing, 16))
 
 
-def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[Letter]:
-    """What a ground station says to fly a MAVLink copter: heartbeats, GUIDED, arm, take off to 5 m, telemetry."""
-    letters = []
-    for spec in specs:
-        system = spec.system_id
-        port = next((port for port in ports if owner_of(port.endpoint) == spec.vehicle), None)
-        if port is None:
-            continue
-        packer = Packer(255, 190)
-
-        def command(number: int, *params: float, system: int = system) -> object:
-            seven = [*params, *([0.0] * (7 - len(params)))]
-            return dialect.MAVLink_command_long_message(system, 1, number, 0, *seven)
-
-        script = [(second * 1_000, dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)) for second in range(10)]
-        script += [
-            (200, command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, 200_000.0)),
-            (300, command(dialect.MAV_CMD_DO_SET_MODE, 1.0, 4.0)),
-            (400, command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)),
-            (500, command(dialect.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0)),
-        ]
-        letters += [Letter(at * NS_PER_MS, port, packer.pack(message)) for at, message in script]
-    return letters
-
-
 def check_engine(
     factory: Factory,
     *,
@@ -125,8 +72,8 @@ def check_engine(
 
     `factory` is what is registered: it is called with a name, some or all of `specs` (two or more, or `split` shows
     nothing), an origin, an epoch and chance. `world(specs)` makes the world they fly in, for `until` ns. `mail` is
-    what a friendly peer would send; by default that of `take_off`. An engine that does not repeat to
-    the byte is not asked for `repeatable`, `split`, `pure` and `copies`. Raises `NonConformance` at the
+    what a friendly peer would send; by default that of `take_off`. Of an engine that
+    does not repeat to the byte, nothing is asked that compares two runs, nor `pure`. Raises `NonConformance` at the
     first broken rule; `name` stands in it for the factory's.
     """
     who = name or getattr(factory, "__name__", type(factory).__name__)
@@ -283,12 +230,9 @@ def _hostile(case: EngineCase) -> None:
 
 @ENGINE.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
 def _modest(case: EngineCase) -> None:
-    payloads = [payload for payload in garbage() if len(payload) <= agents.MAX_ANSWER_BYTES]
-    frames = len(payloads) * len(case.make().ports)
-    received = sum(map(len, payloads)) * len(case.make().ports)
-    agents.check_modest(
-        _volume(case.flight().fly(case.until)), _volume(case.besiege(payloads).fly(case.until)), frames, received
-    )
+    payloads, ports = short_garbage(), case.make().ports
+    quiet, loud = case.flight().fly(case.until), case.besiege(payloads).fly(case.until)
+    check_modest(_volume(quiet), _volume(loud), payloads, len(ports))
 
 
 def _check_notes(engine: Engine, finished: Finished, contents: Said) -> None:
@@ -302,7 +246,7 @@ def _same(first: Flight, second: Flight, what: str, expected: str) -> None:
         same(ticks, second.ticks[vehicle], f"{vehicle}: {what}", expected)
 
 
-def _volume(flight: Flight) -> agents.Volume:
+def _volume(flight: Flight) -> Volume:
     """Departures, notes, bytes."""
     ticks = [tick for some in flight.ticks.values() for tick in some]
     departures = [departure for tick in ticks for departure in tick.departures]

@@ -1,5 +1,6 @@
-"""Which bytes would an adversary try? The same ones every time: no chance, so a finding repeats.
+"""Which bytes would an adversary try, and how much may be said in answer?
 
+The same bytes every time: no chance, so a finding repeats.
 Garbage is what no decoder should take; forged is what every MAVLink decoder must take, since its
 checksum is right, with whatever numbers in it; spoiled is the component's own friendly mail, broken.
 """
@@ -15,9 +16,18 @@ from skyrange.codec.wire import LAYOUTS
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
 from skyrange.testing.mail import Letter
+from skyrange.testing.rules import need
 
 HUGE_BYTES = 1_000_000
 """Almost the longest payload that a link carries."""
+
+
+MAX_ANSWERS = 1
+"""Departures, and notes, that one frame of garbage may cause."""
+MAX_ANSWER_BYTES = 2_048
+"""Bytes that one frame of garbage may cause, beyond its own length."""
+Volume = tuple[int, int, int]
+"""Departures, notes, bytes."""
 
 
 def noise(label: str, size: int) -> bytes:
@@ -96,3 +106,16 @@ def siege(payloads: Sequence[bytes], ports: Sequence[Port], begin: Time, spacing
         for number, payload in enumerate(payloads)
         for port in ports
     ]
+
+
+def short_garbage() -> list[bytes]:
+    """The garbage that is no longer than the answer to it may be."""
+    return [payload for payload in garbage() if len(payload) <= MAX_ANSWER_BYTES]
+
+
+def check_modest(quiet: Volume, loud: Volume, payloads: Sequence[bytes], ports: int) -> None:
+    """`Broken` where `payloads`, sent to each of `ports`, made `loud` out of `quiet` beyond the bounds."""
+    frames, received = len(payloads) * ports, sum(map(len, payloads)) * ports
+    bounds = (MAX_ANSWERS * frames, MAX_ANSWERS * frames, received + MAX_ANSWER_BYTES * frames)
+    for what, base, count, most in zip(("departures", "notes", "bytes"), quiet, loud, bounds, strict=True):
+        need(count - base <= most, f"{count - base} {what} more for {frames} frames of garbage", f"at most {most}")

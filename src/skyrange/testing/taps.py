@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from skyrange.agent.contracts import Tap
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.testing.driving import MAX_WAKEUPS_PER_S, check_wakeup, copied
+from skyrange.testing.driving import copied
 from skyrange.testing.form import MAX_PAYLOAD_BYTES
 from skyrange.testing.hostile import forged, garbage
-from skyrange.testing.purity import Call, plainly, watched
-from skyrange.testing.rules import Broken, RuleBook, need, same, short
+from skyrange.testing.purity import watched
+from skyrange.testing.rules import RuleBook, need, same, short
+from skyrange.testing.watching import Moment, watch
 
 LATE_NS = 1_300 * NS_PER_MS
 MAX_INJECTS = 64
@@ -27,9 +27,6 @@ _ENDS = ("blue.gcs", "blue/b1.companion")
 _SLOTS = [slot for slot in Frame.__slots__ if slot not in ("fate", "arrived_ns")]
 
 TAP: RuleBook[TapCase] = RuleBook("tap")
-
-Moment = tuple[Time, FrameId | None, tuple[Verdict, ...], Time | None]
-"""When, on which frame (`None`: a wake-up), the verdicts, the next wake-up."""
 
 
 @dataclass
@@ -42,7 +39,7 @@ class TapCase:
     until: Time
 
     def frames(self, payloads: Sequence[bytes] | None = None) -> list[Frame]:
-        """Fresh frames in both directions by turns, spread over the time, the second half of each pair late by 3 ms."""
+        """Fresh frames in both directions by turns, spread evenly over the time."""
         chosen = self.payloads if payloads is None else payloads
         made = []
         for number, payload in enumerate(chosen):
@@ -74,13 +71,13 @@ def check_tap(
     "verdicts", "Answers a frame with a sequence of verdicts, never a generator, and a wake-up with Injects only."
 )
 def _verdicts(case: TapCase) -> None:
-    _watch(case.make(case.link), case.frames(), case.until)
+    watch(case.make(case.link), case.frames(), case.until)
 
 
 @TAP.rule("one-fate", "Decides at most once on a frame: Pass, Drop, Replace, Delay, or Delay with Replace.")
 def _one_fate(case: TapCase) -> None:
     allowed = [{Pass}, {Drop}, {Replace}, {Delay}, {Delay, Replace}, set()]
-    for now, frame, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+    for now, frame, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
         kinds = Counter(type(verdict) for verdict in verdicts if not isinstance(verdict, Inject))
         once = max(kinds.values(), default=0) <= 1 and set(kinds) in allowed
         need(once, f"said {short(verdicts)} of {frame} at {now}", "at most one fate")
@@ -88,7 +85,7 @@ def _one_fate(case: TapCase) -> None:
 
 @TAP.rule("values", "Delays to an int time not before now; sends bytes of at most 1 MiB; injects fwd or rev.")
 def _values(case: TapCase) -> None:
-    for now, _, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+    for now, _, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
         for verdict in verdicts:
             _check_values(now, verdict)
 
@@ -96,7 +93,7 @@ def _values(case: TapCase) -> None:
 @TAP.rule("parents", "Names as an Inject's parent only a frame that it has seen.")
 def _parents(case: TapCase) -> None:
     seen: set[FrameId] = set()
-    for now, frame, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+    for now, frame, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
         if frame is not None:
             seen.add(frame)
         for verdict in verdicts:
@@ -106,13 +103,13 @@ def _parents(case: TapCase) -> None:
 
 @TAP.rule("wakeups", "Asks for no wake-up, or for one later than now, in whole ns; asking twice changes nothing.")
 def _wakeups(case: TapCase) -> None:
-    _watch(case.make(case.link), [], case.until)
+    watch(case.make(case.link), [], case.until)
 
 
 @TAP.rule("hands-off", "Leaves frames as they are: what it wants changed, it says in verdicts.")
 def _hands_off(case: TapCase) -> None:
     frames, untouched = case.frames(), case.frames()
-    _watch(case.make(case.link), frames, case.until)
+    watch(case.make(case.link), frames, case.until)
     for frame, before in zip(frames, untouched, strict=True):
         for slot in (*_SLOTS, "fate", "arrived_ns"):
             same(getattr(before, slot), getattr(frame, slot), f"{slot} of {before.id}, before and after", "no change")
@@ -120,54 +117,54 @@ def _hands_off(case: TapCase) -> None:
 
 @TAP.rule("repeatable", "Says the same in two fresh instances that see the same frames at the same times.")
 def _repeatable(case: TapCase) -> None:
-    first, second = (_watch(case.make(case.link), case.frames(), case.until) for _ in range(2))
+    first, second = (watch(case.make(case.link), case.frames(), case.until) for _ in range(2))
     _same(first, second, "two instances differ", "the same from the same inputs")
 
 
 @TAP.rule("muted", "Does the same whether its verdicts count or not: it does not learn a frame's fate from the frame.")
 def _muted(case: TapCase) -> None:
-    alone = _watch(case.make(case.link), case.frames(), case.until)
-    muted = _watch(case.make(case.link), case.frames(), case.until, fate=Fate.DELIVERED)
-    effective = _watch(case.make(case.link), case.frames(), case.until, fate=Fate.DROPPED)
+    alone = watch(case.make(case.link), case.frames(), case.until)
+    muted = watch(case.make(case.link), case.frames(), case.until, fate=Fate.DELIVERED)
+    effective = watch(case.make(case.link), case.frames(), case.until, fate=Fate.DROPPED)
     for other in (muted, effective):
         _same(alone, other, "verdicts depend on what becomes of earlier frames", "the same acts, muted or not")
 
 
 @TAP.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
 def _pure(case: TapCase) -> None:
-    _watch(case.make(case.link), case.frames(), case.until)
-    _watch(case.make(case.link), case.frames(), case.until, call=watched)
+    watch(case.make(case.link), case.frames(), case.until)
+    watch(case.make(case.link), case.frames(), case.until, call=watched)
 
 
 @TAP.rule("late", "Survives a wake-up 1.3 s after the time it asked for.")
 def _late(case: TapCase) -> None:
-    _watch(case.make(case.link), case.frames(), case.until, lag_ns=LATE_NS)
+    watch(case.make(case.link), case.frames(), case.until, lag_ns=LATE_NS)
 
 
 @TAP.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
 def _copies(case: TapCase) -> None:
     frames, middle = case.frames(), case.until // 2
-    straight = _watch(case.make(case.link), case.frames(), case.until)
+    straight = watch(case.make(case.link), case.frames(), case.until)
     rest = [moment for moment in straight if moment[0] > middle]
     trunk = case.make(case.link)
-    _watch(trunk, [frame for frame in frames if frame.sent_ns <= middle], middle)
+    watch(trunk, [frame for frame in frames if frame.sent_ns <= middle], middle)
     branch = copied(trunk)
     later = [frame for frame in frames if frame.sent_ns > middle]
     expected = "a copy that goes on alike, and an original that does not notice"
-    _same(rest, _watch(branch, later, case.until, begin=middle), "the straight run and the copy differ", expected)
-    _same(rest, _watch(trunk, later, case.until, begin=middle), "the copy's life shows in the original", expected)
+    _same(rest, watch(branch, later, case.until, begin=middle), "the straight run and the copy differ", expected)
+    _same(rest, watch(trunk, later, case.until, begin=middle), "the copy's life shows in the original", expected)
 
 
 @TAP.rule("hostile", "Survives any bytes in a frame, and keeps the form of its verdicts.")
 def _hostile(case: TapCase) -> None:
-    for now, _, verdicts, _ in _watch(case.make(case.link), case.frames([*garbage(), *forged()]), case.until):
+    for now, _, verdicts, _ in watch(case.make(case.link), case.frames([*garbage(), *forged()]), case.until):
         for verdict in verdicts:
             _check_values(now, verdict)
 
 
 @TAP.rule("modest", "Injects at most 64 frames in answer to one frame or one wake-up.")
 def _modest(case: TapCase) -> None:
-    for now, _, verdicts, _ in _watch(case.make(case.link), case.frames(), case.until):
+    for now, _, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
         count = sum(isinstance(verdict, Inject) for verdict in verdicts)
         need(count <= MAX_INJECTS, f"injected {count} frames at {now}", f"at most {MAX_INJECTS}")
 
@@ -189,53 +186,6 @@ def _check_values(now: Time, verdict: Verdict) -> None:
         need(parent is None or isinstance(parent, FrameId), f"names the parent {short(parent)}", "a FrameId or None")
 
 
-def _watch(
-    tap: Tap,
-    frames: Sequence[Frame],
-    until: Time,
-    *,
-    begin: Time = -1,
-    call: Call = plainly,
-    lag_ns: Time = 0,
-    fate: Fate | None = None,
-) -> list[Moment]:
-    """Show `frames` to a tap at the times they were sent, and wake it when it asks, after `begin` up to `until`.
-
-    With a `fate`, each frame meets it once it has been judged, as in a kernel.
-    """
-    moments: list[Moment] = []
-    now, shown, woken = begin, 0, 0
-    allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
-    wish = _wish(tap, None, call)
-    due = _due(wish, None, None, now)
-    while True:
-        frame = frames[shown] if shown < len(frames) else None
-        if frame is not None and (due is None or max(frame.sent_ns, now) <= due + lag_ns):
-            now = max(frame.sent_ns, now)
-            verdicts = _answer(call, "on_frame", tap.on_frame, now, frame)
-            shown += 1
-        elif due is not None and due + lag_ns <= until:
-            now, due, frame = due + lag_ns, None, None
-            verdicts = _answer(call, "on_wakeup", tap.on_wakeup, now)
-            woken += 1
-            if woken > allowed:
-                raise Broken(f"woke {woken} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
-        else:
-            return moments
-        before, wish = wish, _wish(tap, None if frame is not None else now, call)
-        due = _due(wish, before, due, now)
-        moments.append((now, None if frame is None else frame.id, verdicts, wish))
-        if frame is not None and fate is not None:
-            frame.fate, frame.arrived_ns = fate, now
-
-
-def _due(wish: Time | None, before: Time | None, due: Time | None, now: Time) -> Time | None:
-    """When to wake it next: an unchanged wish stays due when it was, a new one comes after now."""
-    if wish is None:
-        return None
-    return due if due is not None and wish == before else max(wish, now + 1)
-
-
 def _plain(moments: Sequence[Moment]) -> list[tuple[object, ...]]:
     """Moments as values that can be compared: as tuples, Pass() and Drop() are equal."""
     return [(*moment[:2], [(type(v).__name__, *v) for v in moment[2]], moment[3]) for moment in moments]
@@ -243,36 +193,3 @@ def _plain(moments: Sequence[Moment]) -> list[tuple[object, ...]]:
 
 def _same(first: Sequence[Moment], second: Sequence[Moment], what: str, expected: str) -> None:
     same(_plain(first), _plain(second), what, expected)
-
-
-def _answer(
-    call: Call, what: Literal["on_frame", "on_wakeup"], method: Callable[..., Sequence[Verdict]], *args: object
-) -> tuple[Verdict, ...]:
-    """The verdicts, checked to be a sequence of them."""
-    shown = short(args)
-    try:
-        verdicts = call(method, *args)
-    except Broken:
-        raise
-    except Exception as error:
-        raise Broken(f"{what}{shown} raised {error!r}", "verdicts, whatever passes") from error
-    if not isinstance(verdicts, list | tuple) or isinstance(verdicts, Verdict):
-        raise Broken(f"answered {what} with {short(verdicts)}", "a list or tuple of verdicts", "verdicts")
-    for verdict in verdicts:
-        fits = isinstance(verdict, Inject if what == "on_wakeup" else Verdict)
-        if not fits:
-            expected = "Injects only" if what == "on_wakeup" else "Pass, Drop, Delay, Replace or Inject"
-            raise Broken(f"answered {what} with {short(verdict)}", expected, "verdicts")
-    return tuple(verdicts)
-
-
-def _wish(tap: Tap, now: Time | None, call: Call) -> Time | None:
-    """When it wants to act next. Only a wake-up has to move it on: after a frame, an overdue wish may still stand."""
-    try:
-        wish, again = call(tap.next_wakeup), call(tap.next_wakeup)
-    except Broken:
-        raise
-    except Exception as error:
-        raise Broken(f"next_wakeup() raised {error!r}", "a time or None", "wakeups") from error
-    check_wakeup(wish, again, now)
-    return wish

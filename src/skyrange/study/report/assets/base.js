@@ -62,15 +62,23 @@ const ink = (thing) => thing.ink[theme.dark ? 1 : 0];
 
 // The shared state; whoever draws registers with `onChange` and is called once a frame when something changed.
 const state = { t: RUN.end, playing: false, pace: 1, focus: -1, shown: RUN.operators.map(() => true) };
+// What has scrolled out of sight is not drawn.
 const listeners = [];
 let pending = false;
-const onChange = (draw) => listeners.push(draw);
+const sight = new IntersectionObserver((entries) => {
+  for (const entry of entries) for (const one of listeners) if (one.where === entry.target) one.seen = entry.isIntersecting;
+  changed();
+}, { rootMargin: "80px" });
+const onChange = (draw, where = null) => {
+  listeners.push({ draw, where, seen: !where });
+  if (where) sight.observe(where);
+};
 const changed = () => {
   if (pending) return;
   pending = true;
   requestAnimationFrame(() => {
     pending = false;
-    for (const draw of listeners) draw();
+    for (const one of listeners) if (one.seen) one.draw();
   });
 };
 scheme.addEventListener("change", () => { readTheme(); changed(); });

@@ -28,15 +28,14 @@ const buildChart = (figure) => {
   figure.querySelector(".still").hidden = true;
   const canvas = make("canvas", { tabIndex: 0, role: "img", "aria-label": "Quantities over simulated time, one line per aircraft. Left and right arrow keys move the clock." });
   figure.append(make("div", { className: "plot" }, canvas));
+  const still = make("canvas");                                        // all but the cursors, redrawn only when it differs
+  let drawn = "";
   const edge = { left: 50, right: 14, top: 10, bottom: 38 };
   let frame = null;
-  const draw = () => {
-    const fitted = fit(canvas);
-    if (!fitted) return;
-    const { ctx, w, h } = fitted;
+  const drawStill = (ctx, w, h) => {
     let low = 0, high = 1e-3;
     for (const v of RUN.vehicles) if (visible(v)) for (const y of measure[2](v)[1]) { if (y > high) high = y; if (y < low) low = y; }
-    if (low > -0.06 * high) low = Math.min(low, 0) < -0.02 * high ? low : 0;
+    if (low > -0.02 * high) low = 0;
     high += (high - low) * 0.06;
     const X = (t) => edge.left + (t - RUN.start) / (RUN.end - RUN.start) * (w - edge.left - edge.right);
     const Y = (y) => h - edge.bottom - (y - low) / (high - low) * (h - edge.top - edge.bottom);
@@ -59,8 +58,7 @@ const buildChart = (figure) => {
     for (let i = Math.ceil(RUN.start / dx); i * dx <= RUN.end; i++) ctx.fillText(tickText(i * dx, dx), X(i * dx), h - edge.bottom + 15);
     ctx.fillText("simulated time, s", (edge.left + w - edge.right) / 2, h - 8);
     ctx.lineJoin = "round";
-    const order = [...RUN.vehicles].sort((a, b) => (a.index === state.focus) - (b.index === state.focus));
-    for (const v of order) {
+    for (const v of [...RUN.vehicles].sort((a, b) => (a.index === state.focus) - (b.index === state.focus))) {
       if (!visible(v)) continue;
       const [track, column] = measure[2](v);
       ctx.strokeStyle = ink(v);
@@ -71,26 +69,39 @@ const buildChart = (figure) => {
       ctx.stroke();
     }
     ctx.globalAlpha = 1;
-    ctx.strokeStyle = theme.accent;
-    ctx.lineWidth = 1.5;
-    ctx.beginPath();
-    ctx.moveTo(X(state.t), edge.top);
-    ctx.lineTo(X(state.t), h - edge.bottom);
-    ctx.stroke();
-    if (hover !== null) {
-      ctx.strokeStyle = theme.dim;
-      ctx.setLineDash([3, 3]);
+  };
+  const draw = () => {
+    const fitted = fit(canvas);
+    if (!fitted) return;
+    const { ctx, w, h } = fitted;
+    const now = [canvas.width, canvas.height, theme.dark, measure[0], state.focus, ...state.shown].join();
+    if (now !== drawn) {
+      drawn = now;
+      still.width = canvas.width;
+      still.height = canvas.height;
+      const behind = still.getContext("2d");
+      behind.scale(canvas.width / w, canvas.height / h);
+      drawStill(behind, w, h);
+    }
+    ctx.drawImage(still, 0, 0, w, h);
+    const cursor = (t, colour, dash) => {
+      ctx.strokeStyle = colour;
+      ctx.lineWidth = 1.5;
+      ctx.setLineDash(dash);
       ctx.beginPath();
-      ctx.moveTo(X(hover), edge.top);
-      ctx.lineTo(X(hover), h - edge.bottom);
+      ctx.moveTo(frame.X(t), edge.top);
+      ctx.lineTo(frame.X(t), h - edge.bottom);
       ctx.stroke();
       ctx.setLineDash([]);
-      for (const { v, y } of values(hover)) {
-        ctx.fillStyle = ink(v);
-        ctx.beginPath();
-        ctx.arc(X(hover), Y(y), 3.2, 0, 7);
-        ctx.fill();
-      }
+    };
+    cursor(state.t, theme.accent, []);
+    if (hover === null) return;
+    cursor(hover, theme.dim, [3, 3]);
+    for (const { v, y } of values(hover)) {
+      ctx.fillStyle = ink(v);
+      ctx.beginPath();
+      ctx.arc(frame.X(hover), frame.Y(y), 3.2, 0, 7);
+      ctx.fill();
     }
   };
   const values = (t) => RUN.vehicles.filter(visible).flatMap((v) => {
@@ -121,6 +132,6 @@ const buildChart = (figure) => {
     setTime(state.t + step * (RUN.end - RUN.start) / 100);
     e.preventDefault();
   });
-  onChange(draw);
+  onChange(draw, canvas);
   new ResizeObserver(changed).observe(canvas);
 };

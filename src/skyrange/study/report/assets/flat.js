@@ -31,7 +31,7 @@ const flatRenderer = (canvas) => {
     }
     ctx.globalAlpha = 1;
     const far = (b) => -((b.mid[0] - camera.eye[0]) ** 2 + (b.mid[1] - camera.eye[1]) ** 2);
-    for (const b of options.city ? [...nearest].sort((p, q) => far(p) - far(q)) : []) {
+    for (const b of options.city ? nearest.slice(0, FLAT_BUILDINGS * options.quality ** 2).sort((p, q) => far(p) - far(q)) : []) {
       ctx.strokeStyle = theme.edge;
       ctx.lineWidth = 0.5;
       const ring = wound(b.rings[0], 1);

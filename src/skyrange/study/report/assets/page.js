@@ -33,10 +33,10 @@ const buildClock = (scene) => {
   });
   let before = 0;
   const beat = (stamp) => {
-    const dt = Math.min((stamp - before) / 1000, 0.1);
+    const dt = Math.min((stamp - before) / 1000, 0.5);
     before = stamp;
     if (state.playing) {
-      scene.drift(dt);
+      if (!document.hidden) scene.beat(dt);
       setTime(state.t + dt * state.pace);
       if (state.t >= RUN.end) setPlaying(false);
     }
@@ -57,7 +57,11 @@ const buildClock = (scene) => {
 
 const buildPlan = (box) => {
   const drawing = box.querySelector("svg");
+  let before = "";
   onChange(() => {
+    const now = [state.focus, ...state.shown].join();
+    if (now === before) return;
+    before = now;
     for (const v of RUN.vehicles)
       for (const node of drawing.getElementsByClassName("ink-" + v.index)) {
         node.classList.toggle("off", !visible(v));
@@ -76,7 +80,7 @@ const buildLanes = (lanes) => {
   onChange(() => {
     const { left, wide } = place();
     now.style.left = left + (state.t - RUN.start) / (RUN.end - RUN.start) * wide + "px";
-  });
+  }, lanes);
   new ResizeObserver(changed).observe(lanes);
   lanes.addEventListener("click", (e) => {
     const { x, wide } = place();

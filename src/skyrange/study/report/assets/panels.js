@@ -121,7 +121,7 @@ const buildPanel = (figure) => {
       ctx.globalAlpha = 1;
     }
   };
-  onChange(draw);
+  onChange(draw, canvas);
   new ResizeObserver(changed).observe(canvas);
   const turn = (dx, dy) => {
     PANEL.yaw -= dx;

@@ -46,21 +46,23 @@ const makeCamera = () => {
 
 const buildScene = () => {
   const stage = $("stage");
-  let picture = make("canvas", { "aria-hidden": "true" });
+  let picture = make("canvas", { "aria-hidden": "true" }), plain = false;
   const over = make("canvas", { className: "over", tabIndex: 0, role: "application",
     "aria-label": "Flight in three dimensions. Arrow keys turn, shift and arrow keys move, plus and minus zoom, space plays, home resets." });
   stage.prepend(picture, over);
   let render = glRenderer(picture);
-  if (!render) {
-    const plain = make("canvas", { "aria-hidden": "true" });
-    picture.replaceWith(plain);
-    picture = plain;
+  const withoutGl = () => {
+    const other = make("canvas", { "aria-hidden": "true" });
+    picture.replaceWith(other);
+    picture = other;
+    plain = true;
     render = flatRenderer(picture);
-  }
+  };
+  if (!render) withoutGl();
   $("overview").hidden = true;
   stage.classList.add("live");
   const camera = makeCamera();
-  const options = { city: true, belief: false, names: RUN.vehicles.length <= 60, size: bounds.size, dash: Math.max((RUN.end - RUN.start) / 120, 0.5), drift: !stillness.matches };
+  const options = { city: true, belief: false, names: RUN.vehicles.length <= 60, size: bounds.size, dash: Math.max((RUN.end - RUN.start) / 120, 0.5), drift: !stillness.matches, quality: 1 };
   let spots = [];
 
   const chip = (label, pressed, act, colour) => {
@@ -192,24 +194,22 @@ const buildScene = () => {
     const fitted = fit(over);
     if (!fitted) return;
     const { ctx, w, h } = fitted;
-    if (picture.width !== over.width || picture.height !== over.height) {
-      picture.width = over.width;
-      picture.height = over.height;
+    const wide = Math.round(over.width * options.quality), high = Math.round(over.height * options.quality);
+    if (!plain && (picture.width !== wide || picture.height !== high)) {
+      picture.width = wide;
+      picture.height = high;
     }
     camera.update(w, h);
     options.grid = niceStep(camera.distance * 0.8, 5);
     if (!render(camera, options, w, h)) {                              // the context was lost: carry on without WebGL
-      const plain = make("canvas", { "aria-hidden": "true" });
-      picture.replaceWith(plain);
-      picture = plain;
-      render = flatRenderer(picture);
+      withoutGl();
       render(camera, options, w, h);
     }
     drawHomes(ctx);
     drawAircraft(ctx);
     drawCompass(ctx, w, h);
   };
-  onChange(draw);
+  onChange(draw, stage);
   new ResizeObserver(changed).observe(stage);
 
   const turn = (dx, dy) => {
@@ -274,5 +274,15 @@ const buildScene = () => {
     else return;
     e.preventDefault();
   });
-  return { drift: (dt) => { if (options.drift) camera.yaw += dt * 0.05; } };
+  // A machine that draws in software gets a coarser picture (or fewer buildings) rather than a slow one.
+  let slow = 0;
+  const beat = (dt) => {
+    if (options.drift) camera.yaw += Math.min(dt, 0.1) * 0.05;
+    slow = dt > 0.07 ? slow + 1 : Math.max(0, slow - 1);
+    if (slow > 5 && options.quality > 0.3 && scrollY < stage.offsetTop + stage.offsetHeight) {
+      options.quality *= 0.7;
+      slow = 0;
+    }
+  };
+  return { beat };
 };

@@ -1,0 +1,98 @@
+"""How is a tap driven as a kernel would drive it, alone? Frames when they are sent, wake-ups when due."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from skyrange.agent.contracts import Tap
+from skyrange.agent.frames import Fate, Frame
+from skyrange.agent.verdicts import Inject, Verdict
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.testing.driving import MAX_WAKEUPS_PER_S, check_wakeup
+from skyrange.testing.purity import Call, plainly
+from skyrange.testing.rules import Broken, short
+
+Moment = tuple[Time, FrameId | None, tuple[Verdict, ...], Time | None]
+"""When, on which frame (`None`: a wake-up), the verdicts, the next wake-up."""
+
+
+def watch(
+    tap: Tap,
+    frames: Sequence[Frame],
+    until: Time,
+    *,
+    begin: Time = -1,
+    call: Call = plainly,
+    lag_ns: Time = 0,
+    fate: Fate | None = None,
+) -> list[Moment]:
+    """Show `frames` to a tap at the times they were sent, and wake it when it asks, after `begin` up to `until`.
+
+    With a `fate`, each frame meets it once it has been judged, as in a kernel.
+    """
+    moments: list[Moment] = []
+    now, shown, woken = begin, 0, 0
+    allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
+    wish = _wish(tap, None, call)
+    due = _due(wish, None, None, now)
+    while True:
+        frame = frames[shown] if shown < len(frames) else None
+        if frame is not None and (due is None or max(frame.sent_ns, now) <= due + lag_ns):
+            now = max(frame.sent_ns, now)
+            verdicts = _answer(call, "on_frame", tap.on_frame, now, frame)
+            shown += 1
+        elif due is not None and due + lag_ns <= until:
+            now, due, frame = due + lag_ns, None, None
+            verdicts = _answer(call, "on_wakeup", tap.on_wakeup, now)
+            woken += 1
+            if woken > allowed:
+                raise Broken(f"woke {woken} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
+        else:
+            return moments
+        before, wish = wish, _wish(tap, None if frame is not None else now, call)
+        due = _due(wish, before, due, now)
+        moments.append((now, None if frame is None else frame.id, verdicts, wish))
+        if frame is not None and fate is not None:
+            frame.fate, frame.arrived_ns = fate, now
+
+
+def _due(wish: Time | None, before: Time | None, due: Time | None, now: Time) -> Time | None:
+    """When to wake it next: an unchanged wish stays due when it was, a new one comes after now."""
+    if wish is None:
+        return None
+    return due if due is not None and wish == before else max(wish, now + 1)
+
+
+def _answer(
+    call: Call, what: Literal["on_frame", "on_wakeup"], method: Callable[..., Sequence[Verdict]], *args: object
+) -> tuple[Verdict, ...]:
+    """The verdicts, checked to be a sequence of them."""
+    shown = short(args)
+    try:
+        verdicts = call(method, *args)
+    except Broken:
+        raise
+    except Exception as error:
+        raise Broken(f"{what}{shown} raised {error!r}", "verdicts, whatever passes") from error
+    if not isinstance(verdicts, list | tuple) or isinstance(verdicts, Verdict):
+        raise Broken(f"answered {what} with {short(verdicts)}", "a list or tuple of verdicts", "verdicts")
+    for verdict in verdicts:
+        fits = isinstance(verdict, Inject if what == "on_wakeup" else Verdict)
+        if not fits:
+            expected = "Injects only" if what == "on_wakeup" else "Pass, Drop, Delay, Replace or Inject"
+            raise Broken(f"answered {what} with {short(verdict)}", expected, "verdicts")
+    return tuple(verdicts)
+
+
+def _wish(tap: Tap, now: Time | None, call: Call) -> Time | None:
+    """When it wants to act next. Only a wake-up has to move it on: after a frame, an overdue wish may still stand."""
+    try:
+        wish, again = call(tap.next_wakeup), call(tap.next_wakeup)
+    except Broken:
+        raise
+    except Exception as error:
+        raise Broken(f"next_wakeup() raised {error!r}", "a time or None", "wakeups") from error
+    check_wakeup(wish, again, now)
+    return wish
