@@ -183,9 +183,17 @@ def _filled(key: str, value: Mapping[str, Any], required: set[str]) -> str:
 
 def tables() -> str:
     """Every table and column of a run's folder."""
-    from skyrange.record.schema import documentation
+    from skyrange.record.schema import TABLES, arrow_schema
 
-    return documentation()
+    parts = []
+    for name, columns in TABLES.items():
+        types = [str(field.type).replace("item: ", "") for field in arrow_schema(name)]
+        rows = [
+            (f"`{column.name}`", f"{kind}, nullable" if column.nullable else kind, column.unit, column.meaning)
+            for column, kind in zip(columns, types, strict=True)
+        ]
+        parts.append(f"### `{name}`\n\n{table(('column', 'type', 'unit', 'meaning'), rows)}")
+    return "\n".join(parts)
 
 
 def links() -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
@@ -97,7 +97,7 @@ class HearsNothing(Warden):
 
 class Prophet(Warden):
     def replay(self, frame: Frame) -> Inject:
-        return super().replay(frame)._replace(parent=frame.id._replace(serial=frame.serial + 1))
+        return replace(super().replay(frame), parent=frame.id._replace(serial=frame.serial + 1))
 
 
 class Tampers(Warden):

@@ -60,7 +60,7 @@ def test_a_killed_run_keeps_what_it_had(moment: int, tmp_path: Path) -> None:
     assert kept_ns >= reached - (SPEED + 1.0) * 1e9
     if kept_ns > 0:
         frames = record.table("frames")
-        payloads = {row for row in record.table("payloads").column("payload_id").to_pylist()}
+        payloads = set(record.table("payloads").column("payload_id").to_pylist())
         assert set(frames.column("payload_id").to_pylist()) <= payloads
     facts = summary(record)
     assert facts["status"] == "killed or still running"

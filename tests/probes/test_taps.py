@@ -300,3 +300,65 @@ def test_a_tap_that_breaks_its_contract_is_blamed_by_name() -> None:
     )
     with pytest.raises(ComponentError, match=r"tap tap@gcs:blue/b1\.gcs"):
         kernel.advance(NS_PER_S)
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [(Drop(), "a list of verdicts was expected"), (["drop"], "which is no verdict"), (None, ""), ([], "")],
+)
+def test_an_answer_that_is_no_list_of_verdicts(answer: object, expected: str) -> None:
+    @dataclass
+    class Odd:
+        link: str
+
+        def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+            return answer  # type: ignore[return-value]
+
+        def next_wakeup(self) -> Time | None:
+            return None
+
+        def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+            return ()
+
+    links, routes = onboard("blue/b1")
+    agents = [Station("blue", ["blue/b1"])]
+    kernel = Kernel(
+        Wiring(seed=1, links=links, routes=routes, agents=agents, taps=[TapPlacement("gcs:*", "gcs", Odd)]), [Log()]
+    )
+    if expected:
+        with pytest.raises(ComponentError, match=expected):
+            kernel.advance(NS_PER_S)
+    else:
+        kernel.advance(NS_PER_S)
+
+
+def test_a_taps_latest_wish_counts() -> None:
+    @dataclass
+    class Fickle:
+        link: str
+        wish: Time | None = 500 * MS
+        woken: list[Time] = field(default_factory=list)
+
+        def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+            self.wish = 805 * MS if now < 805 * MS else None
+            return ()
+
+        def next_wakeup(self) -> Time | None:
+            return self.wish
+
+        def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+            self.woken.append(now)
+            self.wish = None
+            return ()
+
+    made: list[Fickle] = []
+
+    def make(link: str) -> Fickle:
+        made.append(Fickle(link))
+        return made[0]
+
+    links, routes = onboard("blue/b1")
+    agents = [Station("blue", ["blue/b1"])]
+    wiring = Wiring(seed=1, links=links, routes=routes, agents=agents, taps=[TapPlacement("gcs:*", "gcs", make)])
+    Kernel(wiring, [Log()]).advance(NS_PER_S)
+    assert made[0].woken == [805 * MS]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from skyrange.core.ids import FrameId
@@ -10,27 +11,32 @@ from skyrange.core.time import Time
 Direction = Literal["fwd", "rev"]
 
 
-class Pass(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Pass:
     """Let it go on."""
 
 
-class Drop(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Drop:
     """Take it off the link."""
 
 
-class Delay(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Delay:
     """Hold it until `until`; the taps after this one see it then."""
 
     until: Time
 
 
-class Replace(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Replace:
     """Send `payload` in its place: a new frame, whose parent is the old one."""
 
     payload: bytes
 
 
-class Inject(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Inject:
     """Put a new frame on the link in `direction`, claiming `src` and `dst`.
 
     It meets only what lies after the tap that way. `parent` names the frame it replays, if any.

@@ -16,9 +16,9 @@ from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import MIN_LATENCY_NS, AttackPlan
 from skyrange.agent.messages import Arrival
 from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.ids import FrameId, Port
-from skyrange.core.time import NEVER, Phase, Time, ceil_to
+from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
 
 _DELIVERY = int(Phase.DELIVERY)
@@ -95,7 +95,10 @@ class Traffic:
         taps = lane.out_taps if sending else lane.in_taps
         for index in range(stage, len(taps)):
             slot = taps[index]
-            verdicts = slot.tap.on_frame(now, frame)
+            try:
+                verdicts = slot.tap.on_frame(now, frame)
+            except Exception as error:
+                raise _blamed(slot, now, error) from error
             if verdicts and (acts(slot.attack, now)):
                 passed = self._apply(now, slot, lane, frame, index + 1, sending, verdicts)
                 if passed is None:
@@ -111,6 +114,10 @@ class Traffic:
         until: Time | None = None
         drop = False
         replacement: bytes | None = None
+        if not isinstance(verdicts, (list, tuple)):
+            raise ComponentError(
+                f"tap {slot.name}", f"answered a frame with {verdicts!r}; a list of verdicts was expected"
+            )
         for verdict in verdicts:
             if isinstance(verdict, Inject):
                 self._inject(now, slot, verdict)
@@ -172,7 +179,11 @@ class Traffic:
     def _wake_tap(self, now: Time, slot: TapSlot) -> None:
         slot.due = None
         effective = acts(slot.attack, now)
-        for verdict in slot.tap.on_wakeup(now):
+        try:
+            verdicts = slot.tap.on_wakeup(now)
+        except Exception as error:
+            raise _blamed(slot, now, error) from error
+        for verdict in verdicts:
             if not isinstance(verdict, Inject):
                 raise ComponentError(f"tap {slot.name}", f"answered a wake-up with {verdict!r}; only Inject fits there")
             if effective:
@@ -180,16 +191,13 @@ class Traffic:
         self.schedule_tap(slot, now)
 
     def schedule_tap(self, slot: TapSlot, now: Time) -> None:
-        """See to it that a tap acts when it next wishes to."""
+        """See to it that a tap acts when it next wishes to: its latest wish counts."""
         wish = slot.tap.next_wakeup()
-        if wish is None:
-            return
-        due = max(wish, now + 1)
-        if slot.due is None or due < slot.due:
+        due = None if wish is None else max(wish, now + 1)
+        if due != slot.due:
             slot.due = due
-            heappush(self.heap, ((due << 3) | _WAKEUP, "tap", slot.name, 0, _TAP, slot))
-
-    # ---------------------------------------------------------------- frames
+            if due is not None:
+                heappush(self.heap, ((due << 3) | _WAKEUP, "tap", slot.name, 0, _TAP, slot))
 
     def transmit(self, now: Time, lane: Lane, frame: Frame, stage: int) -> None:
         """Sender-side taps from `stage` on, then the channel."""
@@ -331,3 +339,10 @@ class Traffic:
         """Tell the observers of a hostile act."""
         for observer in self.observers:
             observer.on_label(label)
+
+
+def _blamed(slot: TapSlot, now: Time, error: Exception) -> Exception:
+    """`error` as the tap's failure; our own errors say already who is at fault."""
+    if isinstance(error, SkyrangeError):
+        return error
+    return ComponentError(f"tap {slot.name}", f"raised {error!r} at {to_seconds(now):.6f} s")
