@@ -232,3 +232,21 @@ def test_half_a_character_is_refused():
         with pytest.raises(InputError) as error:
             one(**keys)
         str(error.value).encode()  # what is said can be printed
+
+
+def test_the_json_schema_states_every_bound_in_its_own_words():
+    def numbers(part):
+        if isinstance(part, dict):
+            if part.get("type") in ("number", "integer"):
+                yield part
+            for value in part.values():
+                yield from numbers(value)
+        elif isinstance(part, list):
+            for value in part:
+                yield from numbers(value)
+
+    schema = json_schema()
+    assert not [part for part in numbers(schema) if {"ge", "gt", "le", "lt"} & set(part)]
+    assert schema["properties"]["seed"]["minimum"] == 0
+    speed = schema["$defs"]["Plan"]["properties"]["speed_mps"]["anyOf"][0]
+    assert (speed["exclusiveMinimum"], speed["maximum"]) == (0, 50)

@@ -50,9 +50,9 @@ def items(value: Any) -> Any:
     return value.tolist() if type(value).__module__ == "numpy" and getattr(value, "ndim", 0) > 0 else value
 
 
-Number = Annotated[float, BeforeValidator(_plain, json_schema_input_type=float), Strict(), Field(allow_inf_nan=False)]
+Number = Annotated[float, BeforeValidator(_plain), Strict(), Field(allow_inf_nan=False)]
 """A finite float; integers count as floats."""
-Whole = Annotated[int, BeforeValidator(_plain, json_schema_input_type=int), Strict()]
+Whole = Annotated[int, BeforeValidator(_plain), Strict()]
 """An integer, not a boolean and not a float."""
 FileName = Annotated[
     str,

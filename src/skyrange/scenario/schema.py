@@ -199,7 +199,20 @@ def _listed(value: Any) -> Any:
     return value
 
 
+_BOUNDS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
+
+
 def json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a scenario; every property says its meaning and unit."""
     schema = Scenario.model_json_schema(mode="validation")
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_bounded(schema)}
+
+
+def _bounded(part: Any) -> Any:
+    """pydantic leaves the bounds of an optional number under its own names, which no validator knows."""
+    if isinstance(part, list):
+        return [_bounded(item) for item in part]
+    if not isinstance(part, dict):
+        return part
+    names = _BOUNDS if part.get("type") in ("number", "integer") else {}
+    return {names.get(key, key): _bounded(value) for key, value in part.items()}

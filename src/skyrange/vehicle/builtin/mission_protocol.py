@@ -17,8 +17,9 @@ from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, T
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
 from skyrange.vehicle.builtin.modes import Mode
 
-MAX_ITEMS = 724
-"""Items that fit with home: the storage of a common flight controller under ArduCopter."""
+MAX_ITEMS = 650
+"""Items that fit with home: (2422 + 2132 + 5204 − 4) / 15 bytes of ArduCopter's 16 KiB storage
+(StorageManager.cpp, 15 areas; AP_Mission's AP_MISSION_EEPROM_COMMAND_SIZE)."""
 RETRY_NS = NS_PER_S
 GIVE_UP_NS = 8 * NS_PER_S
 _MISSION = dialect.MAV_MISSION_TYPE_MISSION
