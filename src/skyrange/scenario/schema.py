@@ -209,7 +209,7 @@ def json_schema() -> dict[str, Any]:
 
 
 def _bounded(part: Any) -> Any:
-    """pydantic leaves the bounds of an optional number under its own names, which no validator knows."""
+    """Bounds of optional numbers by their JSON Schema names: pydantic leaves its own, which no validator knows."""
     if isinstance(part, list):
         return [_bounded(item) for item in part]
     if not isinstance(part, dict):

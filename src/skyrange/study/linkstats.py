@@ -34,6 +34,7 @@ class LinkStats:
     fates: dict[str, int] = field(default_factory=dict)
     size_bytes: int = 0
     latency_sum_s: float = 0.0
+    latency_max_s: float = 0.0
     _latencies: NDArray[np.int64] = field(default_factory=lambda: np.zeros(_BINS, dtype=np.int64))
 
     @property
@@ -63,7 +64,7 @@ class LinkStats:
         if not total:
             return math.nan
         index = int(np.searchsorted(np.cumsum(self._latencies), math.ceil(0.95 * total)))
-        return float(10.0 ** ((index + 0.5) / _BINS_PER_DECADE)) * 1e-9
+        return min(float(10.0 ** ((index + 0.5) / _BINS_PER_DECADE)) * 1e-9, self.latency_max_s)
 
     def add(self, other: LinkStats) -> None:
         """Count the frames of `other` too."""
@@ -71,13 +72,15 @@ class LinkStats:
             self.fates[fate] = self.fates.get(fate, 0) + count
         self.size_bytes += other.size_bytes
         self.latency_sum_s += other.latency_sum_s
+        self.latency_max_s = max(self.latency_max_s, other.latency_max_s)
         self._latencies += other._latencies
 
     def take(self, fate: str, sizes: NDArray[np.int64], latencies_ns: NDArray[np.float64]) -> None:
         """Count frames of one fate; `latencies_ns` (n,) is read only for delivered ones."""
         self.fates[fate] = self.fates.get(fate, 0) + int(sizes.shape[0])
         self.size_bytes += int(sizes.sum())
-        if fate == Fate.DELIVERED:
+        if fate == Fate.DELIVERED and len(latencies_ns):
+            self.latency_max_s = max(self.latency_max_s, float(latencies_ns.max()) * 1e-9)
             self.latency_sum_s += float(latencies_ns.sum()) * 1e-9
             bins = np.clip(np.log10(np.maximum(latencies_ns, 1.0)) * _BINS_PER_DECADE, 0, _BINS - 1)
             self._latencies += np.bincount(bins.astype(np.int64), minlength=_BINS)

@@ -63,7 +63,8 @@ const buildScene = () => {
   stage.classList.add("live");
   const camera = makeCamera();
   const options = { city: true, belief: false, names: RUN.vehicles.length <= 60, size: bounds.size, dash: Math.max((RUN.end - RUN.start) / 120, 0.5), drift: !stillness.matches, quality: 1 };
-  let spots = [];
+  let spots = [], lasting = 1;                                         // the quality that this machine keeps up with in motion
+  const fingers = new Map();
 
   const chip = (label, pressed, act, colour) => {
     const node = make("button", { type: "button", className: "chip", "aria-pressed": String(pressed) });
@@ -194,6 +195,8 @@ const buildScene = () => {
     const fitted = fit(over);
     if (!fitted) return;
     const { ctx, w, h } = fitted;
+    if (!state.playing && !fingers.size) options.quality = 1;
+    else options.quality = lasting;
     const wide = Math.round(over.width * options.quality), high = Math.round(over.height * options.quality);
     if (!plain && (picture.width !== wide || picture.height !== high)) {
       picture.width = wide;
@@ -230,13 +233,12 @@ const buildScene = () => {
     camera.distance = Math.min(Math.max(camera.distance * factor, bounds.size * 0.03), bounds.size * 30);
     changed();
   };
-  const fingers = new Map();
   over.addEventListener("pointerdown", (e) => {
     over.setPointerCapture(e.pointerId);
     fingers.set(e.pointerId, [e.clientX, e.clientY]);
     hideTip();
   });
-  for (const name of ["pointerup", "pointercancel"]) over.addEventListener(name, (e) => fingers.delete(e.pointerId));
+  for (const name of ["pointerup", "pointercancel"]) over.addEventListener(name, (e) => { fingers.delete(e.pointerId); changed(); });
   over.addEventListener("pointermove", (e) => {
     const before = fingers.get(e.pointerId);
     if (!before) {
@@ -279,8 +281,8 @@ const buildScene = () => {
   const beat = (dt) => {
     if (options.drift) camera.yaw += Math.min(dt, 0.1) * 0.05;
     slow = dt > 0.07 ? slow + 1 : Math.max(0, slow - 1);
-    if (slow > 5 && options.quality > 0.3 && scrollY < stage.offsetTop + stage.offsetHeight) {
-      options.quality *= 0.7;
+    if (slow > 5 && lasting > 0.3 && scrollY < stage.offsetTop + stage.offsetHeight) {
+      lasting *= 0.7;
       slow = 0;
     }
   };
