@@ -26,10 +26,13 @@ NO_CHANCE: Uniforms = (1.0, 0.0, 1.0, 1.0)
 class ChannelState:
     """One direction of one link's fixed channel, with its queue."""
 
-    __slots__ = ("_busy_until", "_last_arrival", "spec")
+    __slots__ = ("_busy_until", "_last_arrival", "_latency_ns", "spec", "steady")
 
     def __init__(self, spec: Channel) -> None:
         self.spec = spec
+        self.steady = not spec.random and spec.rate_bps <= 0.0
+        """Whether a frame's delay depends on neither chance nor its size: what most links are."""
+        self._latency_ns = spec.latency_ns
         self._busy_until: Time = -(2**62)
         self._last_arrival: Time = -(2**62)
 
@@ -39,6 +42,12 @@ class ChannelState:
         `luck` holds the uniforms for loss, jitter, duplication and reordering. The arrival counts
         only when the fate is DELIVERED.
         """
+        if self.steady:
+            arrival = now + self._latency_ns
+            if arrival < self._last_arrival:
+                arrival = self._last_arrival
+            self._last_arrival = arrival
+            return Fate.DELIVERED, arrival, None
         spec = self.spec
         ready = now
         if spec.rate_bps > 0.0:

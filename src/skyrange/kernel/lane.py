@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from skyrange.agent.contracts import Tap
-from skyrange.agent.frames import Frame
+from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import AttackPlan, LinkSpec, Route
 from skyrange.agent.messages import Arrival, Inbox
 from skyrange.core.chance import Chance
-from skyrange.core.ids import FrameId, hash64
+from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
 from skyrange.kernel.channel import NO_CHANCE, ChannelState, Uniforms
 
@@ -36,6 +36,7 @@ class Lane:
         "_addresses",
         "_chance",
         "_drawn",
+        "_own",
         "_serials",
         "channel",
         "direction",
@@ -47,6 +48,7 @@ class Lane:
         "local",
         "name",
         "out_taps",
+        "port",
         "receiver",
         "src",
     )
@@ -56,6 +58,8 @@ class Lane:
         self.direction = direction
         self.name = f"{spec.name}:{direction}"
         self.src, self.dst = (spec.a, spec.b) if direction == "fwd" else (spec.b, spec.a)
+        self.port = Port(self.dst, self.link)
+        """The receiver's end."""
         self.channel = ChannelState(spec.channel)
         self.out_taps: list[TapSlot] = []
         self.in_taps: list[TapSlot] = []
@@ -66,6 +70,7 @@ class Lane:
         self.receiver: Mailbox | None = None
         self.local = True
         self._chance = chance
+        self._own = 0  # frames that `src` itself sent: nearly all there are, so worth a counter of their own
         self._serials: dict[str, int] = {}
         self._addresses: dict[str, int] = {}
         self._drawn: dict[str, tuple[Time, int]] = {}
@@ -81,14 +86,23 @@ class Lane:
         causes: tuple[FrameId, ...] = (),
     ) -> Frame:
         """A new frame of `sender` on this lane, with that sender's next serial."""
-        serial = self._serials.get(sender, 0)
-        self._serials[sender] = serial + 1
+        if sender == self.src:
+            serial = self._own
+            self._own = serial + 1
+        else:
+            serial = self._serials.get(sender, 0)
+            self._serials[sender] = serial + 1
         return Frame(self.link, self.direction, sender, serial, src, dst, now, payload, parent, causes)
+
+    def carry(self, sender: str, now: Time, size: int) -> tuple[Fate, Time, Time | None]:
+        """Send `size` bytes of `sender` through the channel; as `ChannelState.carry`."""
+        channel = self.channel
+        if channel.steady:
+            return channel.carry(now, size, NO_CHANCE)
+        return channel.carry(now, size, self.luck(sender, now))
 
     def luck(self, sender: str, now: Time) -> Uniforms:
         """The draws of `sender`'s k-th frame on this lane at `now`; k is counted among that sender's only."""
-        if not self.channel.spec.random:
-            return NO_CHANCE
         last, k = self._drawn.get(sender, (None, 0))
         k = k + 1 if last == now else 0
         self._drawn[sender] = (now, k)

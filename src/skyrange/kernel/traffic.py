@@ -17,7 +17,7 @@ from skyrange.agent.links import MIN_LATENCY_NS, AttackPlan
 from skyrange.agent.messages import Arrival
 from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, SkyrangeError
-from skyrange.core.ids import FrameId, Port
+from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
 
@@ -209,7 +209,7 @@ class Traffic:
         if lane.fused is not None:
             self._fly(now, lane, lane.fused, frame, [])
             return
-        fate, arrival, twin = lane.channel.carry(now, len(frame.payload), lane.luck(frame.sender, now))
+        fate, arrival, twin = lane.carry(frame.sender, now, len(frame.payload))
         if fate is not Fate.DELIVERED:
             frame.fate = fate
             self.close([frame])
@@ -234,7 +234,7 @@ class Traffic:
 
     def _fly(self, now: Time, lane: Lane, forwards: list[Forward], frame: Frame, trail: list[Frame]) -> None:
         """Follow fused routes at sending time. `trail` holds the hops already flown, to be recorded at the end."""
-        fate, arrival, _ = lane.channel.carry(now, len(frame.payload), lane.luck(frame.sender, now))
+        fate, arrival, _ = lane.carry(frame.sender, now, len(frame.payload))
         if fate is not Fate.DELIVERED:
             frame.fate = fate
             self._push(now, lane.name, frame, _CLOSE, [*trail, frame])
@@ -257,7 +257,7 @@ class Traffic:
 
     def _hop(self, sent: Time, lane: Lane, frame: Frame, trail: list[Frame]) -> None:
         """The last hop of a fused route."""
-        fate, arrival, twin = lane.channel.carry(sent, len(frame.payload), lane.luck(frame.sender, sent))
+        fate, arrival, twin = lane.carry(frame.sender, sent, len(frame.payload))
         if fate is not Fate.DELIVERED:
             frame.fate = fate
             self._push(sent, lane.name, frame, _CLOSE, [*trail, frame])
@@ -280,7 +280,7 @@ class Traffic:
         self.close([frame])
         box = lane.receiver
         if box is not None:
-            box.pending.append(Arrival(Port(lane.dst, lane.link), now, frame.payload, frame.src, frame.id))
+            box.pending.append(Arrival(lane.port, now, frame.payload, frame.src, frame.id))
             self._wake_box(now, box)
         for forward in lane.forwards:
             route = forward.route
