@@ -22,22 +22,27 @@ __all__ = ["PARTS", "fleet_scenario", "measure"]
 
 WARM_UP_S = 30.0
 """Simulated seconds before measuring: plans are approved, uploaded, read back, and all are flying by then."""
-SPACING_M = 120.0
+SPEED_MPS = 5.0
 SIDE_M = 80.0
+APART_M = 40.0
 PER_OPERATOR = 250
 
 
 def fleet_scenario(vehicles: int, seconds: float) -> Scenario:
     """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up."""
     # a third more than the time asks for, because corners are cut
-    laps = math.ceil(1.33 * (WARM_UP_S + seconds) * 5.0 / (4 * SIDE_M)) + 1
-    lap = [(0.0, SIDE_M), (SIDE_M, SIDE_M), (SIDE_M, 0.0), (0.0, 0.0)]
+    path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
+    # at most ten laps, so that a long flight has no longer upload than a short one
+    laps = min(10, math.ceil(path_m / (4 * SIDE_M)))
+    side_m = max(SIDE_M, path_m / (4 * laps))
+    lap = [(0.0, side_m), (side_m, side_m), (side_m, 0.0), (0.0, 0.0)]
     points = [(0.0, 0.0), *(lap * laps)]
     columns = math.ceil(math.sqrt(vehicles))
+    spacing_m = side_m + APART_M
     fleet = [
         Vehicle(
-            start=Start(east_m=SPACING_M * (index % columns), north_m=SPACING_M * (index // columns)),
-            plan=path(points, alt_m=30.0, speed_mps=5.0),
+            start=Start(east_m=spacing_m * (index % columns), north_m=spacing_m * (index // columns)),
+            plan=path(points, alt_m=30.0, speed_mps=SPEED_MPS),
         )
         for index in range(vehicles)
     ]
