@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -173,6 +175,7 @@ def test_ctrl_c_leaves_a_whole_record(tmp_path: Path) -> None:
         (["diff", "nowhere", "nowhere"], "a run's folder"),
         (["report", "nowhere"], "a run's folder"),
         (["run", "squares", "--speed", "-1"], "--speed"),
+        (["run", "squares", "--speed", "inf"], "a number of 0 or more"),
         (["run", "squares", "--out", "/dev/null/run"], "a folder that can be written"),
         (["run", "squares", "--out", "/proc/run"], "a folder that can be written"),
     ],
@@ -220,9 +223,10 @@ def test_a_disk_that_fills_up_ends_the_run_with_what_it_has(tmp_path: Path) -> N
 def test_memory_is_bounded(tmp_path: Path) -> None:
     # six times as long must not take noticeably more: what is recorded leaves memory every wall second or 4 MB
     code = (
-        "import resource, sys; from pathlib import Path; from skyrange.bench.fleet import fleet_scenario;"
+        "import sys; from pathlib import Path; from skyrange.bench.fleet import fleet_scenario;"
+        "from skyrange.runtime.memory import peak_memory_mb;"
         "from skyrange.runtime.run import Run; r = Run.start(fleet_scenario(20, 300), Path(sys.argv[1]));"
-        "r.advance(float(sys.argv[2])); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+        "r.advance(float(sys.argv[2])); print(peak_memory_mb())"
     )
     peaks = {}
     for seconds in ("50", "300"):
@@ -249,3 +253,64 @@ def test_engines_that_fail_leave_a_failed_record(tmp_path: Path, monkeypatch: py
     assert record.status == "failed"
     assert record.manifest["error"] == "engine builtin: fell over"
     assert record.rows("truth") == 5 * 51
+
+
+def test_runs_started_at_once_get_folders_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    scenario = load_scenario("squares", ["duration_s=1"])
+    first = Run.start(scenario)
+    found = [Path("runs/squares"), Path("runs/squares-2")]  # the first look was before the other run began
+    monkeypatch.setattr("skyrange.runtime.run.free_folder", lambda name: found.pop(0) if len(found) > 1 else found[0])
+    second = Run.start(scenario)
+    assert first.recorder.path == Path("runs/squares")
+    assert second.recorder.path == Path("runs/squares-2")
+    for each in (first, second):
+        each.execute()
+        assert load(each.recorder.path).status == "complete"
+
+
+@pytest.mark.parametrize(("name", "at"), [("~/run", "home/run"), ("a:b", "a:b"), ("file:x", "file:x")])
+def test_folders_are_named_as_in_a_shell(name: str, at: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    record = run("squares", name, changes=["duration_s=1"])
+    assert record.path.resolve() == tmp_path / at
+    assert record.rows("frames") > 100
+    assert load(name).table("truth").num_rows > 10
+    assert (tmp_path / at / "report.html").exists()
+
+
+def test_an_output_that_lacks_signs_or_room(squares: Path) -> None:
+    plain = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = cli("show", str(squares), env=plain)
+    assert done.returncode == 0, done.stderr
+    assert "blue/b1" in done.stdout
+    done = cli("scenarios", "--json", env=plain)
+    assert [row["name"] for row in json.loads(done.stdout)] == ["squares", "survey"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*SKYRANGE, "show", str(squares)], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 2
+    assert done.stderr == "skyrange: No space left on device\n"
+
+
+def test_an_engine_with_a_bug_is_blamed_and_leaves_a_failed_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started = Run.start(load_scenario("squares", ["duration_s=20"]), tmp_path / "run")
+    (mount,) = started.rig.wiring.engines
+    monkeypatch.setattr(mount.engine, "begin", lambda *_: {}["nothing"])
+    with pytest.raises(ComponentError, match=r"engine builtin: raised KeyError\('nothing'\) at 0.000000 s"):
+        started.execute()
+    assert load(tmp_path / "run").status == "failed"
+
+
+def test_brackets_in_names_and_reasons_are_shown_as_they_are(squares: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "[bold]run"
+    shutil.copytree(squares, folder)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["outcomes"]["blue/b1"] = {"state": "failed", "reason": "[/no] way", "finished_s": None}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    done = cli("show", str(folder), env={**os.environ, "COLUMNS": "200"})
+    assert done.returncode == 0, done.stderr
+    assert "failed ([/no] way)" in done.stdout
+    assert f"run    {folder}" in done.stdout

@@ -245,6 +245,15 @@ def test_mission_in_wind_stays_on_its_legs() -> None:
     r.run_until(r.has("event.disarmed"), 90.0)
 
 
+def test_it_lands_and_disarms_in_a_wind_that_takes_more_lean_than_the_landing_detector_allows() -> None:
+    r = Range([VehicleSpec(V, 1)], wind_enu_mps=(10.0, 0.0, 0.0))
+    r.take_off(V, 5.0)
+    assert r.mode(V, Mode.LAND) == 0
+    r.run_until(r.has("event.landed"), 30.0)
+    r.run_until(r.has("event.disarmed"), 5.0)
+    assert r.events("event.disarmed")[0].data["reason"] == "landed"
+
+
 def test_disarm_in_flight_only_by_force() -> None:
     r = one()
     r.take_off(V, 5.0)
@@ -263,6 +272,8 @@ def test_auto_resumes_the_item_it_left() -> None:
     assert r.mode(V, Mode.GUIDED) == 0
     r.run(4.0)
     assert np.abs(r.velocities()[0]).max() < 0.4
+    assert r.command(V, A.MAV_CMD_REQUEST_MESSAGE, A.MAVLINK_MSG_ID_MISSION_CURRENT) == 0
+    assert r.heard("MISSION_CURRENT")[-1].mission_state == A.MISSION_STATE_NOT_STARTED  # ArduPilot has no PAUSED
     assert r.mode(V, Mode.AUTO) == 0
     r.run_until(r.has("event.item_reached", 3), 60.0)
     assert [n.data["seq"] for n in r.events("event.item_reached")] == [1, 2, 3]
@@ -304,12 +315,15 @@ def test_upload_in_flight_that_takes_the_current_item_away() -> None:
     assert abs(r.positions()[0, 2] - 5.0) < 0.3
 
 
-def test_cleared_mission_in_flight_leaves_it_holding() -> None:
+def test_a_mission_emptied_in_flight_leaves_it_holding() -> None:
     r = one()
     r.upload(V, square(30, 5))
     start(r, V)
     r.run_until(r.has("event.item_reached", 2), 60.0)
     r.send(V, A.MAVLink_mission_clear_all_message(1, 1, 0))
+    r.run(0.05)
+    assert r.heard("MISSION_ACK")[-1].type == A.MAV_MISSION_ERROR  # it runs
+    r.send(V, A.MAVLink_mission_count_message(1, 1, 0, 0))
     r.run(8.0)
     assert np.abs(r.velocities()[0]).max() < 0.3
     assert r.mode(V, Mode.RTL) == 0

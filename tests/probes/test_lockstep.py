@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.core.time import NS_PER_S
+from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from tests.probes.toys import MS, Bodies, Climber, Log, Station, onboard
 
@@ -86,3 +86,19 @@ def test_preroll_is_negative_time_and_an_unready_engine_is_named() -> None:
 def test_unknown_policies_are_refused() -> None:
     with pytest.raises(InputError, match=r"on_silent.*'shrug'.*stop or continue"):
         build([Climber("e", ["blue/b1"])], policy="shrug")
+
+
+def test_an_observer_alters_not_when_another_sees_truth() -> None:
+    def seen(*others: int) -> list[int]:
+        kernel, log = build([Climber("one", ["blue/b1"]), Climber("two", ["blue/b2"]), Climber("three", ["blue/b3"])])
+        beside = [Log() for _ in others]
+        for each, period in zip(beside, others, strict=True):
+            each.truth_period_ns = period
+        log.truth_period_ns = 100 * MS
+        kernel.observe([log, *beside])
+        kernel.advance(NS_PER_S)
+        return [time for time, _ in log.truth if time % (100 * MS) == 0]
+
+    assert seen() == [100 * MS * tick for tick in range(11)]
+    assert seen(70 * MS) == seen()
+    assert seen(NEVER, 7) == seen()

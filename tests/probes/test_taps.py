@@ -362,3 +362,12 @@ def test_a_taps_latest_wish_counts() -> None:
     wiring = Wiring(seed=1, links=links, routes=routes, agents=agents, taps=[TapPlacement("gcs:*", "gcs", make)])
     Kernel(wiring, [Log()]).advance(NS_PER_S)
     assert made[0].woken == [805 * MS]
+
+
+@pytest.mark.parametrize(
+    ("ids", "expected"), [(["a", "a"], "ids that differ"), (["tap"], "not 'tap'"), (["a|b"], "letters, digits")]
+)
+def test_attacks_have_names_of_their_own(ids: list[str], expected: str) -> None:
+    links, routes = onboard("blue/b1")
+    with pytest.raises(InputError, match=expected):
+        Kernel(Wiring(seed=1, links=links, routes=routes, attacks=[AttackPlan(each) for each in ids]))

@@ -174,7 +174,8 @@ class FakeAutopilot:
                 self.running = True
                 self.take(1)
         elif command == mav.MAV_CMD_NAV_TAKEOFF:
-            if not self.armed or self.mode != mav.COPTER_MODE_GUIDED:
+            flying = self.goal is not None or self.position[2] > self.home[2]
+            if not self.armed or flying or self.mode != mav.COPTER_MODE_GUIDED:
                 return int(mav.MAV_RESULT_FAILED)
             self.goal = (self.position[0], self.position[1], self.home[2] + message.param7)
         elif command == mav.MAV_CMD_DO_CHANGE_SPEED:

@@ -363,6 +363,22 @@ def test_arming_is_asked_for_until_the_checks_pass(result: int) -> None:
     assert {m.confirmation for m in arms} == {0}
 
 
+def test_a_take_off_that_is_seen_needs_no_acknowledgement() -> None:
+    run = loop(square("guided"))
+    while run.stations[0].states["blue/b1"] is not State.STARTING:
+        run.step()
+    run.blocked.add("gcs:blue/b1:rev")
+    run.run(run.now / NS_PER_S + 0.1)
+    run.blocked.clear()
+    assert outcome(run.run(120)) == ("complete", "")
+
+
+def test_items_are_read_back_over_a_slow_link() -> None:
+    # 2.4 s there and back: longer than six requests at 250 ms
+    run = loop(air=Air(latency_s=1.2)).run(200)
+    assert outcome(run) == ("complete", "")
+
+
 def test_in_progress_starts_the_waiting_anew() -> None:
     # 5 retries at 1.5 s would end after 9 s; IN_PROGRESS every other time keeps the command alive.
     answers: list[int | None] = [IN_PROGRESS, None, None, None] * 4
@@ -475,8 +491,19 @@ def test_only_the_autopilot_of_its_aircraft_is_believed(sender: tuple[int, int],
     run = loop()
     while run.stations[0].states["blue/b1"] is not State.FLYING:
         run.step()
-    heard(run, Packer(*sender), mav.MAVLink_heartbeat_message(2, 3, 81, mav.COPTER_MODE_AUTO, 4, 3))
+    liar = Packer(*sender)
+    for _ in range(2):
+        heard(run, liar, mav.MAVLink_heartbeat_message(2, 3, 81, mav.COPTER_MODE_AUTO, 4, 3))
     assert (run.stations[0].states["blue/b1"] is State.FAILED) is fooled
+
+
+def test_one_old_heartbeat_and_its_copies_do_not_disarm() -> None:
+    run = loop()
+    while run.stations[0].states["blue/b1"] is not State.FLYING:
+        run.step()
+    for _ in range(3):
+        heard(run, Packer(1, 1), mav.MAVLink_heartbeat_message(2, 3, 81, mav.COPTER_MODE_AUTO, 4, 3))
+    assert outcome(run.run(120)) == ("complete", "")
 
 
 def test_what_is_queued_does_not_grow_with_what_is_heard() -> None:

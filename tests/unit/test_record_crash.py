@@ -249,6 +249,37 @@ def test_what_is_no_run_says_so(tmp_path: Path) -> None:
         load(tmp_path / "run").table("frames")
 
 
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"vehicles": "x"}, "manifest.json: vehicles: 'x'"),
+        ({"vehicles": [{"id": "a/b"}]}, "vehicles.0"),
+        ({"operators": ["blue"]}, "operators.0"),
+        ({"name": 3}, "name: 3"),
+        ({"seed": True}, "seed: True"),
+        ({"origin": "here"}, "origin"),
+        ({"simulated_s": "long"}, "simulated_s"),
+        ({"timings": [1]}, "timings"),
+        ({"outcomes": 3}, "outcomes"),
+    ],
+)
+def test_a_manifest_changed_by_hand_is_blamed(changed: dict[str, Any], message: str, tmp_path: Path) -> None:
+    Recorder.open(tmp_path / "run", HEADER).close()
+    path = tmp_path / "run" / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changed))
+    with pytest.raises(InputError, match=message):
+        load(tmp_path / "run")
+
+
+def test_a_fork_into_the_run_itself_is_refused(tmp_path: Path) -> None:
+    recorder = Recorder.open(tmp_path / "run", HEADER)
+    for inside in (tmp_path / "run", tmp_path / "run" / "branch"):
+        with pytest.raises(InputError, match="a folder outside the run"):
+            recorder.fork(inside)
+    recorder.close()
+    load(tmp_path / "run")
+
+
 def test_rates_of_truth_and_sensors(tmp_path: Path) -> None:
     recorder = Recorder.open(tmp_path / "run", HEADER, truth_hz=4, sensors_hz=0)
     world: Any = StillWorld()
@@ -306,3 +337,21 @@ def test_leftovers_of_a_killed_finalisation_do_no_harm(tmp_path: Path) -> None:
     assert torn.status == "killed or still running"
     assert torn.table("frames").equals(load(tmp_path / "run").table("frames"))
     assert torn.table("events").num_rows == 0
+
+
+def test_two_that_want_one_folder_do_not_share_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = Recorder.open(tmp_path / "run", HEADER)
+    monkeypatch.setattr(Path, "iterdir", lambda self: iter(()))  # both looked before either began
+    with pytest.raises(InputError, match=r"holds \.spool"):
+        Recorder.open(tmp_path / "run", HEADER)
+    monkeypatch.undo()
+    first.close()
+    assert load(tmp_path / "run").status == "complete"
+
+
+def test_a_rate_too_low_for_any_run_records_the_first_tick(tmp_path: Path) -> None:
+    recorder = Recorder.open(tmp_path / "run", HEADER, truth_hz=1e-300, sensors_hz=0.0)
+    for now in (0, 1_000_000_000, 3_600_000_000_000):
+        recorder.on_truth(now, StillWorld())
+    recorder.close()
+    assert set(load(tmp_path / "run").table("truth").column("time_ns").to_pylist()) == {0}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 
 import pytest
 
+from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.pace import Pace
@@ -54,9 +56,10 @@ def test_falling_behind_is_reported_not_skipped() -> None:
     assert pace.lag_s == pytest.approx(2.0)
 
 
-def test_negative_speed_is_refused() -> None:
-    with pytest.raises(ValueError, match="speed must be 0 or more, got -1"):
-        Pace(-1.0)
+@pytest.mark.parametrize("speed", [-1.0, math.inf, math.nan])
+def test_what_is_no_speed_is_refused(speed: float) -> None:
+    with pytest.raises(InputError, match=f"speed: value: {speed} — expected a number of 0 or more"):
+        Pace(speed)
 
 
 def test_the_first_signal_is_noted_and_the_second_raises() -> None:

@@ -91,6 +91,24 @@ def test_home_time_and_state(r: Range) -> None:
     assert r.heard("SYS_STATUS")[-1].onboard_control_sensors_health & A.MAV_SYS_STATUS_SENSOR_GPS
 
 
+def test_base_mode_as_arducopter_makes_it() -> None:
+    r = Range([VehicleSpec(V, 3)])
+    r.run(1.1)
+    assert r.heard("HEARTBEAT")[-1].base_mode == 0x51  # what ArduCopter says in STABILIZE, disarmed
+    r.take_off(V, 3.0)
+    assert r.heard("HEARTBEAT")[-1].base_mode == 0xD9  # armed, with a position
+
+
+def test_arming_tells_where_home_is() -> None:
+    r = Range([VehicleSpec(V, 3, home_enu_m=(12.0, -8.0, 0.0))])
+    assert r.mode(V, 4) == 0
+    assert r.arm(V) == 0
+    home = r.heard("HOME_POSITION")[-1]
+    assert (home.latitude, home.longitude) == tuple(round(v * 1e7) for v in ORIGIN.geodetic_of(12.0, -8.0))
+    assert all(math.isnan(part) for part in home.q)
+    assert home.time_usec < 1_000_000  # since boot, as ArduPilot's, not UTC
+
+
 def test_reports_start_at_moments_of_their_own() -> None:
     fleet = Range([VehicleSpec(f"blue/b{i}", i + 1) for i in range(8)])
     fleet.run(1.0)

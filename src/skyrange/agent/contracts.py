@@ -166,7 +166,7 @@ class Observer(Protocol):
         ...
 
     def on_truth(self, now: Time, world: World) -> None:
-        """A tick has ended; called every tick that the observer's `truth_period_ns` asks for."""
+        """A tick has ended; called at every tick that `truth_period_ns` asks for, and at those that others ask for."""
         ...
 
     truth_period_ns: Time

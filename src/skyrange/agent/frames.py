@@ -7,7 +7,6 @@ from enum import StrEnum
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, Time
 
-
 _tuple = tuple.__new__  # half the cost of FrameId's own constructor, and every hop asks for an id
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import resource
 import tempfile
 import time
 from multiprocessing.connection import Connection
@@ -15,6 +14,7 @@ from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import to_seconds
 from skyrange.record import load
+from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
 from skyrange.scenario.schema import Operator, Origin, Scenario, Start, Vehicle, path
 
@@ -82,7 +82,7 @@ def measure(vehicles: int, seconds: float) -> dict[str, Any]:
 
 
 def _worker(answer: Connection, vehicles: int, seconds: float) -> None:
-    base_mb = _peak_mb()
+    base_mb = peak_memory_mb()
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         run = Run.start(fleet_scenario(vehicles, seconds), Path(folder) / "run")
@@ -104,7 +104,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float) -> None:
             "load": "light",
             "real_time_factor": round(seconds / wall_s, 3),
             "cpu_s": round(cpu_s, 3),
-            "memory_mb": round(_peak_mb(), 1),
+            "memory_mb": round(peak_memory_mb(), 1),
             "base_memory_mb": round(base_mb, 1),
             "wall_s": round(wall_s, 3),
             "setup_s": round(setup_s, 3),
@@ -116,10 +116,6 @@ def _worker(answer: Connection, vehicles: int, seconds: float) -> None:
         }
     answer.send(row)
     answer.close()
-
-
-def _peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in KiB
 
 
 def _flying(record: Any) -> int:

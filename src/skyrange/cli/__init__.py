@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 
 
@@ -13,6 +14,9 @@ def main() -> None:
     from skyrange.cli.app import app
     from skyrange.core.errors import SkyrangeError
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a sign shows "?" for it
     try:
         app()
     except SkyrangeError as error:
@@ -22,3 +26,8 @@ def main() -> None:
         # the reader of our output (`| head`) has gone; Python would complain once more while flushing
         sys.stderr.close()
         sys.exit(0)
+    except OSError as error:
+        # a full disk, say, below a report or a redirected output
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"skyrange: {where}{error.strerror or error}", file=sys.stderr)
+        sys.exit(2)

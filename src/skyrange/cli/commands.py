@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def _print_json(data: Any) -> None:
-    print(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False))
+    unicode = "utf" in (sys.stdout.encoding or "").lower()
+    print(json.dumps(data, indent=2, ensure_ascii=not unicode, allow_nan=False))
 
 
 def _console() -> Console:
@@ -36,23 +37,21 @@ def run(
     """`skyrange run`."""
     from skyrange.cli.progress import progress
     from skyrange.core.compiled import compiled_before
-    from skyrange.runtime.run import free_folder
     from skyrange.scenario.catalogue import load
     from skyrange.study.session import fly
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
-    folder = out if out is not None else free_folder(scenario.name)
     shortfall: ShortfallError | None = None
     if not as_json and not compiled_before():
         print("compiling the numeric kernels, once (about 10 s)", file=sys.stderr, flush=True)
     with progress(scenario.name, quiet=as_json) as on_progress:
         try:
-            record = fly(scenario, folder, speed=speed, on_progress=on_progress)
+            record = fly(scenario, out, speed=speed, on_progress=on_progress)
         except ShortfallError as error:
             from skyrange.record import load as load_run
 
-            shortfall, record = error, load_run(folder)
+            shortfall, record = error, load_run(error.path)
     facts = summary(record)
     if as_json:
         _print_json(facts)
@@ -75,15 +74,16 @@ def show(folder: Path, as_json: bool) -> None:
 
 
 def _print_summary(facts: dict[str, Any]) -> None:
+    from rich.markup import escape
     from rich.table import Table
 
     console = _console()
-    aircraft = Table(title=f"{facts['name']} · {facts['status']}", title_justify="left", title_style="bold")
+    aircraft = Table(title=f"{escape(facts['name'])} · {facts['status']}", title_justify="left", title_style="bold")
     for column in ("aircraft", "outcome", "finished", "flown", "highest", "frames to its ground station"):
         aircraft.add_column(column, justify="left" if column in ("aircraft", "outcome") else "right")
     for row in facts["vehicles"]:
         good = row["outcome"] == "complete"
-        reason = f" ({row['reason']})" if row["reason"] and not good else ""
+        reason = f" ({escape(row['reason'])})" if row["reason"] and not good else ""
         aircraft.add_row(
             row["id"],
             f"[{'green' if good else 'yellow'}]{row['outcome']}[/]{reason}",
@@ -95,13 +95,14 @@ def _print_summary(facts: dict[str, Any]) -> None:
     console.print(aircraft)
     timings = facts["timings"]
     factor = timings.get("real_time_factor")
-    pace = f" in {timings['wall_s']:.1f} s, {factor:.0f}× real time" if factor else ""
+    wall_s = timings.get("wall_s")
+    pace = f" in {wall_s:.1f} s, {factor:.0f}× real time" if wall_s and factor else ""
     console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
     if facts["fingerprint"]:
         console.print(f"fingerprint {facts['fingerprint']}")
-    console.print(f"run    {facts['path']}", soft_wrap=True)
+    console.print(f"run    {facts['path']}", soft_wrap=True, markup=False)
     if facts["report"]:
-        console.print(f"report {facts['report']}", soft_wrap=True)
+        console.print(f"report {facts['report']}", soft_wrap=True, markup=False)
 
 
 def report(folder: Path, out: Path | None, as_json: bool) -> None:
@@ -110,7 +111,7 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     from skyrange.study.report import write_report
 
     record = load(folder)
-    path = out if out is not None else folder / "report.html"
+    path = out.expanduser() if out is not None else record.path / "report.html"
     try:
         write_report(record, path)
     except OSError as error:

@@ -52,8 +52,10 @@ def _cache_folder() -> str:
         text = path.read_bytes()
         if _MARK in text:
             digest.update(text)
-    homes = (package / "__pycache__", Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "skyrange")
-    for home in homes:
+    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "skyrange"
+    for home in (package / "__pycache__", user):
+        if not home.is_absolute():
+            continue  # nobody's home: a user that the system does not know
         folder = home / f"kernels-{digest.hexdigest()}"
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 
 class SkyrangeError(Exception):
@@ -63,9 +64,13 @@ class ComponentError(SkyrangeError):
 
 
 class ShortfallError(SkyrangeError):
-    """The run ended before it did what was asked; what was recorded is whole."""
+    """The run ended before it did what was asked; what was recorded is whole, and in the folder `path`."""
 
     exit_code = 4
+
+    def __init__(self, problem: str, path: Path) -> None:
+        self.path = path
+        super().__init__(problem)
 
 
 class DecodeError(SkyrangeError):

@@ -17,6 +17,10 @@ class Belief:
     heard_ns: Time = -NEVER
     """When its last heartbeat was read."""
     armed: bool | None = None
+    disarmed_beats: int = 0
+    """Heartbeats in a row that said it is disarmed; copies of one count once."""
+    beat_seq: int = -1
+    """Sequence number of the last heartbeat read."""
     mode: int | None = None
     """ArduCopter's mode number."""
     mode_ref: FrameId | None = None
@@ -38,6 +42,11 @@ class Belief:
         """Take in a HEARTBEAT; whether the mode is another than before."""
         self.heard_ns = now
         armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+        if armed:
+            self.disarmed_beats = 0
+        elif message.get_seq() != self.beat_seq:
+            self.disarmed_beats += 1
+        self.beat_seq = message.get_seq()
         changed: bool = message.custom_mode != self.mode
         if changed or armed != self.armed:
             self.mode, self.armed, self.mode_ref = message.custom_mode, armed, ref

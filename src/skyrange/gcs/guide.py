@@ -23,6 +23,8 @@ POSITION_ONLY = 0xDF8
 """type_mask: velocity, acceleration, yaw and yaw rate are to be ignored."""
 TAKEOFF_SHARE = 0.9
 """A take-off is over at this share of its height, or within the acceptance radius of it."""
+AIRBORNE_M = 1.0
+"""From this height on, or half of the take-off's, an aircraft has left the ground."""
 
 
 class Target(NamedTuple):
@@ -72,6 +74,10 @@ class Guide:
         east_m = (lon_e7 - target.lon_e7) * self.east_m_per_e7
         up_m = above_m - target.above_home_m
         return math.sqrt(north_m * north_m + east_m * east_m + up_m * up_m)
+
+    def has_left(self, above_home_mm: int) -> bool:
+        """Whether a reported height means that the take-off is under way."""
+        return above_home_mm * 1e-3 >= min(AIRBORNE_M, 0.5 * self.takeoff_m)
 
     def is_reached(self, distance_m: float) -> bool:
         """Whether the target, or the take-off's height, counts as reached at that distance."""

@@ -35,6 +35,9 @@ HEARTBEAT_NS = NS_PER_S
 """https://mavlink.io/en/services/heartbeat.html: generally 1 Hz."""
 LINK_TIMEOUT_NS = 5 * NS_PER_S
 """Silence after which the link counts as lost (heartbeat.html: four or five missed)."""
+DISARMED_BEATS = 2
+"""Heartbeats in a row that must say it before an armed aircraft counts as disarmed: one alone may be an old one that
+was held up on its way."""
 STALE_NS = 3 * NS_PER_S
 """Age of position or mission item, heartbeats still coming, after which the streams are requested again.
 
@@ -151,12 +154,15 @@ class Pilot:
         elif self.state is State.ARMING and self.belief.armed:
             self._drop_commands()  # its acknowledgement may have been lost
             self._raise(Event.ARMED, now, out, (ref,))
-        elif self.state in ARMED and not self.belief.armed:
+        elif self.state in ARMED and self.belief.disarmed_beats >= DISARMED_BEATS:
             self._disarmed(now, out, ref)
 
     def _on_position(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         self.belief.on_position(now, message, ref)
         guide = self.guide
+        if guide is not None and self.state is State.STARTING and guide.has_left(message.relative_alt):
+            self._drop_commands()  # the acknowledgement was lost; asked again in the air, ArduCopter answers FAILED
+            self._raise(Event.STARTED, now, out, (ref,))
         if guide is None or self.state is not State.FLYING:
             return
         distance_m = guide.distance_m(message.lat, message.lon, message.relative_alt)

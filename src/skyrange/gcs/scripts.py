@@ -17,6 +17,9 @@ ARM_LEAD_S = 3.0
 """How long before its departure an aircraft is armed, so that the start itself waits for nothing.
 
 Heartbeats, which show it, come every second; ArduCopter disarms by itself after DISARM_DELAY, 10 s."""
+TAKEOFF_S = 10.0
+"""How long a take-off is asked for again. Where only its acknowledgement got lost, ArduCopter refuses the second one;
+within this time the aircraft is seen to climb."""
 FLIGHT_FACTOR = 3.0
 FLIGHT_EXTRA_S = 120.0
 """A flight may last `FLIGHT_FACTOR` times its estimate and this much more."""
@@ -78,7 +81,7 @@ def _start(plan: FlightPlan) -> tuple[Command, ...]:
             Command(mav.MAV_CMD_MISSION_START, (0.0, 0.0), "mission start", 5.0),
         )
     height_m = plan.targets_enu_m[0].up_m - plan.home_enu_m.up_m
-    return (Command(mav.MAV_CMD_NAV_TAKEOFF, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m), "take-off", 5.0),)
+    return (Command(mav.MAV_CMD_NAV_TAKEOFF, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m), "take-off", TAKEOFF_S),)
 
 
 def stream_commands(streams: tuple[tuple[int, float], ...]) -> tuple[Command, ...]:

@@ -21,7 +21,8 @@ from skyrange.gcs.wire_items import WireItem, difference
 TIMEOUT_NS = 1_500 * NS_PER_MS
 """mavlink.io "Timeouts and retries": default."""
 ITEM_TIMEOUT_NS = 250 * NS_PER_MS
-"""mavlink.io "Timeouts and retries": mission items."""
+"""mavlink.io "Timeouts and retries": mission items. Doubled with each retry, up to `TIMEOUT_NS`: over a link whose
+answers take longer, asking ever again at this pace would end before the first one came."""
 MAX_RETRIES = 5
 """mavlink.io "Timeouts and retries": retries before cancelling."""
 MAX_ATTEMPTS = 3
@@ -212,5 +213,5 @@ class Download(Transfer):
         if self.wanted < 0:
             self.due = now + TIMEOUT_NS
             return [self._opening()]
-        self.due = now + ITEM_TIMEOUT_NS
+        self.due = now + min(ITEM_TIMEOUT_NS << self.retries, TIMEOUT_NS)
         return [self._asking()]

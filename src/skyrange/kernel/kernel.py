@@ -12,17 +12,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from heapq import heappop, heappush
+from math import gcd
 
 from skyrange.agent.contracts import Agent, InstanceStatus, Observer
 from skyrange.agent.links import AttackPlan
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.agent.verdicts import Label
 from skyrange.core.chance import Chance
-from skyrange.core.errors import ComponentError, SkyrangeError
+from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.lane import Mailbox, Transit
-from skyrange.kernel.traffic import Code, Traffic, acts
+from skyrange.kernel.traffic import Code, Traffic, acts, blamed
 from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
 
 _WAKEUP = int(Phase.WAKEUP)
@@ -177,9 +178,16 @@ class Kernel:
         for berth in self._berths:
             box = berth.box
             inbox = box.collect() if box.pending and now % box.service_ns == 0 else EMPTY_INBOX
-            berth.engine.begin(now, world.sensors(berth.rows), inbox)
+            sensors = world.sensors(berth.rows)
+            try:
+                berth.engine.begin(now, sensors, inbox)
+            except Exception as error:
+                raise blamed(f"engine {berth.engine.name}", now, error) from error
         for berth in self._berths:
-            finished = berth.engine.finish(now, self._wall_deadline_s)
+            try:
+                finished = berth.engine.finish(now, self._wall_deadline_s)
+            except Exception as error:
+                raise blamed(f"engine {berth.engine.name}", now, error) from error
             world.actuate(berth.rows, finished.actuators)
             if finished.status is not None:
                 self._check_status(now, berth, finished.status)
@@ -188,9 +196,16 @@ class Kernel:
         if now >= self._next_truth:
             for observer in self._traffic.observers:
                 observer.on_truth(now, world)
-            periods = [observer.truth_period_ns for observer in self._traffic.observers]
-            period = max(min(periods, default=self._quantum), self._quantum)
-            self._next_truth = now - now % period + period
+            self._next_truth = self._truth_after(now)
+
+    def _truth_after(self, now: Time) -> Time:
+        """When an observer next wants truth: a grid that meets all their periods, so that none alters another's."""
+        periods = [observer.truth_period_ns for observer in self._traffic.observers]
+        wanted = [period for period in periods if period != NEVER]
+        if not wanted:
+            return NEVER
+        period = max(gcd(*wanted), self._quantum)
+        return now - now % period + period
 
     def _check_status(self, now: Time, berth: _Berth, status: Sequence[InstanceStatus]) -> None:
         gone: list[str] = []
@@ -223,10 +238,8 @@ class Kernel:
         seat = self._seats[box.name]
         try:
             outbox = seat.agent.step(now, box.collect())
-        except SkyrangeError:
-            raise
         except Exception as error:
-            raise ComponentError(f"agent {box.name}", f"raised {error!r} at {to_seconds(now):.6f} s") from error
+            raise blamed(f"agent {box.name}", now, error) from error
         self._dispatch(now, box.name, outbox, seat.attack)
         self._schedule_seat(seat, now)
 

@@ -98,7 +98,7 @@ class Traffic:
             try:
                 verdicts = slot.tap.on_frame(now, frame)
             except Exception as error:
-                raise _blamed(slot, now, error) from error
+                raise blamed(f"tap {slot.name}", now, error) from error
             if verdicts and (acts(slot.attack, now)):
                 passed = self._apply(now, slot, lane, frame, index + 1, sending, verdicts)
                 if passed is None:
@@ -182,7 +182,7 @@ class Traffic:
         try:
             verdicts = slot.tap.on_wakeup(now)
         except Exception as error:
-            raise _blamed(slot, now, error) from error
+            raise blamed(f"tap {slot.name}", now, error) from error
         for verdict in verdicts:
             if not isinstance(verdict, Inject):
                 raise ComponentError(f"tap {slot.name}", f"answered a wake-up with {verdict!r}; only Inject fits there")
@@ -341,8 +341,8 @@ class Traffic:
             observer.on_label(label)
 
 
-def _blamed(slot: TapSlot, now: Time, error: Exception) -> Exception:
-    """`error` as the tap's failure; our own errors say already who is at fault."""
+def blamed(who: str, now: Time, error: Exception) -> Exception:
+    """`error` as the failure of `who`; our own errors say already who is at fault."""
     if isinstance(error, SkyrangeError):
         return error
-    return ComponentError(f"tap {slot.name}", f"raised {error!r} at {to_seconds(now):.6f} s")
+    return ComponentError(who, f"raised {error!r} at {to_seconds(now):.6f} s")

@@ -18,9 +18,12 @@ from skyrange.agent.contracts import Agent, Engine, World
 from skyrange.agent.links import AttackPlan, LinkSpec, Route, TapPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.core.ids import Port
+from skyrange.core.ids import ID_PATTERN, Port
 from skyrange.core.time import NS_PER_S
 from skyrange.kernel.lane import Forward, Lane, TapSlot
+
+_NO_ATTACK = "tap"
+"""What stands for the attack's id in the name of a tap that belongs to none."""
 
 
 @dataclass(slots=True)
@@ -113,7 +116,7 @@ def place_taps(wiring: Wiring, lanes: Mapping[str, Lane]) -> list[TapSlot]:
                 continue  # another kernel's tap
             side = sides[spec.name, ends[0]]
             ordinal = sum(1 for slot in side if slot.attack is attack)
-            name = f"{placement.attack or 'tap'}@{spec.name}.{placement.side}" + (f".{ordinal}" if ordinal else "")
+            name = f"{placement.attack or _NO_ATTACK}@{spec.name}.{placement.side}" + (f".{ordinal}" if ordinal else "")
             slot = TapSlot(placement.make(spec.name), name, attack)
             side.append(slot)
             slots.append(slot)
@@ -168,7 +171,7 @@ def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[
 
 
 def check(wiring: Wiring) -> None:
-    """Refuse wiring that cannot run: unknown policies, a world without its quantum, names used twice."""
+    """Refuse wiring that cannot run: unknown policies, a world without its quantum, bad or repeated names."""
     faults = [
         Fault(key, repr(value), " or ".join(allowed))
         for key, value, allowed in (
@@ -180,6 +183,13 @@ def check(wiring: Wiring) -> None:
     names = [agent.name for agent in wiring.agents] + [mount.engine.name for mount in wiring.engines]
     names += [agent.name for plan in wiring.attacks for agent in plan.agents]
     faults += [Fault("agents", name, "names that differ") for name in sorted({n for n in names if names.count(n) > 1})]
+    ids = [plan.id for plan in wiring.attacks]
+    faults += [Fault("attacks", id_, "ids that differ") for id_ in sorted({id_ for id_ in ids if ids.count(id_) > 1})]
+    faults += [
+        Fault("attacks", repr(id_), f"letters, digits, '-' or '_', at most 32, and not {_NO_ATTACK!r}")
+        for id_ in ids
+        if id_ == _NO_ATTACK or not ID_PATTERN.match(id_)
+    ]
     if wiring.engines and wiring.world is None:
         faults.append(Fault("engines", "no world", "a world for them to fly in"))
     if wiring.world is not None and not 0 < wiring.world.quantum_ns < NS_PER_S // 10:

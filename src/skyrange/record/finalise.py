@@ -36,7 +36,7 @@ def finalise(folder: Path, manifest: Mapping[str, Any]) -> dict[str, int]:
 
     `ComponentError` where the disk refuses: the record is then as before, still in its spool.
     """
-    final = folder / FINAL
+    final = folder.absolute() / FINAL  # a relative name with a colon or a tilde is no file's name to Arrow
     tables = Tables(folder, spooled=True)
     counts: dict[str, int] = {}
     try:

@@ -10,16 +10,27 @@ from pathlib import Path, PurePosixPath
 
 from skyrange.core.errors import InputError
 from skyrange.record.manifest import MANIFEST
+from skyrange.record.spool import SPOOL
 
 _PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
 
 
 def make_folder(folder: Path) -> list[Path]:
-    """Make the folder and its parents; returns those that were not there, innermost first."""
+    """Make the folder, its parents and its spool; returns those that were not there, innermost first.
+
+    `InputError` where it holds anything. Of several runs that want one folder at once a single one gets it, because
+    the spool's folder can be made only once.
+    """
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         taken = next(folder.iterdir(), None)
+        if taken is None:
+            (folder / SPOOL).mkdir()
+    except FileExistsError as error:
+        if not folder.is_dir():
+            raise unwritable(folder, error) from error
+        taken = folder / SPOOL
     except OSError as error:
         raise unwritable(folder, error) from error
     if taken is not None:

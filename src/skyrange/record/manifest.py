@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from skyrange.core.errors import InputError
+from skyrange.core.errors import Fault, InputError
 from skyrange.record.schema import FORMAT
 
 MANIFEST = "manifest.json"
@@ -18,6 +18,20 @@ MANIFEST = "manifest.json"
 RUNNING = "running"
 ENDINGS = ("complete", "interrupted", "failed")
 """How a run may end; one whose manifest still says `running` was killed, or runs."""
+
+_SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
+    ("name", str, "the scenario's name"),
+    ("seed", int, "a whole number"),
+    ("vehicles", list, "a list of tables"),
+    ("operators", list, "a list of tables"),
+    ("links", list, "a list of tables"),
+    ("origin", dict, "a table"),
+    ("simulated_s", (int, float), "a number of seconds"),
+    ("timings", dict, "a table"),
+    ("digests", dict, "a table"),
+    ("outcomes", dict, "a table by vehicle"),
+)
+"""Key, type and what it is, of what readers rely on; all of it may be absent."""
 
 _PACKAGES = ("skyrange", "numpy", "numba", "pyarrow", "pymavlink")
 
@@ -86,4 +100,21 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     status = manifest.get("status")
     if status != RUNNING and status not in ENDINGS:
         raise InputError.one(who, f"{MANIFEST}: status", repr(status), f"one of {', '.join((RUNNING, *ENDINGS))}")
+    faults = list(_misshapen(manifest))
+    if faults:
+        raise InputError(who, faults)
     return manifest
+
+
+def _misshapen(manifest: Mapping[str, Any]) -> Iterator[Fault]:
+    """What is there, but not as readers rely on it: a hand-edited file's faults."""
+    for key, kind, expected in _SHAPE:
+        value = manifest.get(key)
+        if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
+            yield Fault(f"{MANIFEST}: {key}", repr(value)[:80], expected, "The file was changed by hand or is damaged.")
+    for key, parts in (("operators", ("id",)), ("vehicles", ("id", "operator")), ("links", ("name",))):
+        rows = manifest.get(key)
+        for index, row in enumerate(rows if isinstance(rows, list) else ()):
+            for part in parts:
+                if not isinstance(row, dict) or not isinstance(row.get(part), str):
+                    yield Fault(f"{MANIFEST}: {key}.{index}", repr(row)[:80], f"a table with {part!r} as text")

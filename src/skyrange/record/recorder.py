@@ -118,7 +118,7 @@ class Recorder:
         bytes of payloads are de-duplicated together. `InputError`, with nothing left behind, where the folder
         cannot be made, is not empty or cannot be written.
         """
-        folder = Path(path)
+        folder = Path(path).expanduser()
         _check_rates(truth_hz, sensors_hz)
         try:
             epoch_of(header)
@@ -129,7 +129,6 @@ class Recorder:
         manifest |= {"format": FORMAT, "status": RUNNING}
         made = make_folder(folder)
         try:
-            spool = Spool(folder)  # first: who sees a manifest finds a spool
             write_manifest(folder, manifest)
         except OSError as error:
             unmake_folder(folder, made)
@@ -144,7 +143,7 @@ class Recorder:
             truth_due=-NEVER if truth_hz else NEVER,
             sensors_due=-NEVER if sensors_hz else NEVER,
         )
-        return cls(folder, manifest, state, spool, spool_bytes, flush_s, made)
+        return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made)
 
     def attach(self, name: str, data: bytes) -> None:
         """Put a file into the folder before the run starts: `scenario.toml`, `missions/survey.plan`, `city.json`.
@@ -273,17 +272,19 @@ class Recorder:
         """
         if self._refused:
             raise ComponentError("recorder", f"{self.path} cannot be forked: the disk refused earlier rows")
+        folder = Path(path).expanduser()
+        if self.path.resolve() in (folder.resolve(), *folder.resolve().parents):
+            raise InputError.one("fork", "folder", str(folder), "a folder outside the run that is forked")
         self.flush()
         self._spool.end_segment()
-        folder = Path(path)
         made = make_folder(folder)
         try:
             shutil.copytree(self.path, folder, dirs_exist_ok=True)
-            spool = Spool(folder, self._spool.segment)
         except (OSError, shutil.Error) as error:
             unmake_folder(folder, made)
             raise unwritable(folder, error) from error
         state, manifest = deepcopy(self._state), deepcopy(self._manifest)
+        spool = Spool(folder, self._spool.segment)
         return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s)
 
     def __deepcopy__(self, memo: object) -> Recorder:
@@ -356,4 +357,4 @@ def _common(truth_ns: Time, sensors_ns: Time) -> Time:
 
 
 def _period(rate_hz: float) -> Time:
-    return from_seconds(1.0 / rate_hz) if rate_hz else NEVER
+    return min(from_seconds(min(1.0 / rate_hz, to_seconds(NEVER))), NEVER) if rate_hz else NEVER

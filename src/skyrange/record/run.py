@@ -147,7 +147,7 @@ def load(path: Path | str) -> RunRecord:
     `InputError` where it is no run's folder, was written in another format, or its manifest is damaged. A run
     that was killed, or that runs, has what it had handed to the disk.
     """
-    folder = Path(path)
+    folder = Path(path).expanduser()
     manifest = read_manifest(folder)
     spooled = manifest["status"] == RUNNING or manifest.get("spooled") is True
     if spooled and not (folder / SPOOL).is_dir():

@@ -104,12 +104,11 @@ class Spool:
     """The streams of one run, opened as their first rows come."""
 
     def __init__(self, folder: Path, segment: int = 0) -> None:
-        """`folder` is the run's; `segment` numbers the files that this object will write."""
+        """`folder` is the run's, made by `folder.make_folder`; `segment` numbers the files that this object writes."""
         self.folder = folder
         self.segment = segment
         self.size_bytes = 0
         self._streams: dict[str, _Stream] = {}
-        (folder / SPOOL).mkdir(exist_ok=True)
 
     def append(self, table: str, batch: pa.RecordBatch) -> None:
         """Append rows to `table`; `ComponentError` where the disk refuses, after which the spool is closed."""

@@ -108,7 +108,7 @@ class Tables:
             raise InputError.one(str(self.folder), path.name, reason, "a whole Parquet file") from error
 
     def _parquet(self, name: str) -> Path:
-        return self.folder / f"{name}.parquet"
+        return (self.folder / f"{name}.parquet").absolute()  # a relative name with a colon would be a URI to Arrow
 
 
 class _PayloadWindow:

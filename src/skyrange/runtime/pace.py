@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 
+from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, to_seconds
 
 
@@ -23,9 +25,9 @@ class Pace:
     def __init__(
         self, speed: float, *, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
     ) -> None:
-        """`speed` is 0 or more; a negative one is a `ValueError`."""
-        if not speed >= 0.0:
-            raise ValueError(f"speed must be 0 or more, got {speed}")
+        """`speed` is finite and 0 or more; `InputError` for another."""
+        if not 0.0 <= speed < math.inf:
+            raise InputError.one("speed", "value", str(speed), "a number of 0 or more, 0 being as fast as it goes")
         self._speed = speed
         self._clock = clock
         self._sleep = sleep

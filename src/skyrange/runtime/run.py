@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -12,11 +11,12 @@ from typing import Any
 
 from skyrange.agent.contracts import Observer
 from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.core.errors import ComponentError, ShortfallError
+from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import Recorder
 from skyrange.runtime.interrupt import Interruptible
+from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.pace import Pace
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, wire
@@ -43,7 +43,7 @@ class Run:
     def start(
         cls,
         scenario: Scenario,
-        out: Path,
+        out: Path | None = None,
         *,
         taps: Sequence[TapPlacement] = (),
         attacks: Sequence[AttackPlan] = (),
@@ -51,12 +51,20 @@ class Run:
     ) -> Run:
         """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
+        Without `out` it is the first of `runs/NAME`, `runs/NAME-2` … that is free, whoever else starts a run there.
         `taps` and `attacks` act on its links; `observers` see everything beside the recorder.
         """
         rig = wire(scenario, taps=taps, attacks=attacks)
         kernel = Kernel(rig.wiring)
         record = scenario.record
-        recorder = Recorder.open(out, rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+        while True:
+            folder = out if out is not None else free_folder(scenario.name)
+            try:
+                recorder = Recorder.open(folder, rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+                break
+            except InputError:
+                if out is not None or free_folder(scenario.name) == folder:
+                    raise  # else another run took the folder meanwhile
         for name, data in rig.attachments.items():
             recorder.attach(name, data)
         kernel.observe([recorder, *observers])
@@ -99,16 +107,17 @@ class Run:
                     pace.wait(self.kernel.now)
                     if on_progress is not None:
                         on_progress(self.now, end)
-            except ComponentError as error:
+            except Exception as error:  # whatever broke, the record says so
                 self._wall_s += time.perf_counter() - began
-                self._fail(str(error))
+                self._fail(str(error) if isinstance(error, SkyrangeError) else repr(error))
                 raise
             self._wall_s += time.perf_counter() - began
             self.finish("interrupted" if interrupt.requested and self.kernel.now < end else "complete", pace.lag_s)
         if interrupt.requested and self.kernel.now < end:
             raise ShortfallError(
                 f"interrupted at {to_seconds(self.now):.1f} of {to_seconds(end):.1f} simulated seconds; "
-                f"what was recorded is in {self.recorder.path}"
+                f"what was recorded is in {self.recorder.path}",
+                self.recorder.path,
             )
 
     def finish(self, status: str = "complete", lag_s: float = 0.0) -> None:
@@ -136,7 +145,7 @@ class Run:
                 "wall_s": round(self._wall_s, 3),
                 "real_time_factor": round(simulated_s / self._wall_s, 3) if self._wall_s else None,
                 "max_lag_s": round(lag_s, 3),
-                "peak_memory_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1),
+                "peak_memory_mb": round(peak_memory_mb(), 1),
             },
         }
 

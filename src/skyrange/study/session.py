@@ -8,14 +8,15 @@ from pathlib import Path
 from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.record import RunRecord, load
-from skyrange.runtime.run import OnProgress, Run, free_folder
+from skyrange.runtime.pace import Pace
+from skyrange.runtime.run import OnProgress, Run
 from skyrange.scenario.catalogue import load as load_scenario
 from skyrange.scenario.schema import Scenario
 
 
 def fly(
     scenario: Scenario,
-    out: Path,
+    out: Path | None = None,
     *,
     speed: float = 0.0,
     taps: Sequence[TapPlacement] = (),
@@ -23,19 +24,21 @@ def fly(
     on_progress: OnProgress | None = None,
     report: bool = True,
 ) -> RunRecord:
-    """Run `scenario` into the folder `out` and write its report.
+    """Run `scenario` into the folder `out`, or the first free one of `runs/NAME`, and write its report.
 
     `taps` and `attacks` are placed on its links. Errors as `Run.execute`; after a `ShortfallError`
     (Ctrl-C) the report is there as well.
     """
+    Pace(speed)  # refuses what is no speed before there is a folder
     run = Run.start(scenario, out, taps=taps, attacks=attacks)
+    folder = run.recorder.path
     try:
         run.execute(speed=speed, on_progress=on_progress)
     except ShortfallError:
         if report:
-            _report(out)
+            _report(folder)
         raise
-    return _report(out) if report else load(out)
+    return _report(folder) if report else load(folder)
 
 
 def _report(folder: Path) -> RunRecord:
@@ -70,5 +73,5 @@ def run(
             raise TypeError("seed, buildings and changes apply to a scenario's name or file; a Scenario holds its own")
     else:
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
-    folder = Path(out) if out is not None else free_folder(scenario.name)
+    folder = Path(out) if out is not None else None
     return fly(scenario, folder, speed=speed, taps=taps, attacks=attacks, on_progress=on_progress)

@@ -22,7 +22,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
     up = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "rev")}
     outcomes = record.outcomes
     vehicles = []
-    for vehicle in manifest.get("vehicles", []):
+    for vehicle in manifest.get("vehicles") or []:
         name = vehicle["id"]
         outcome = outcomes.get(name, {})
         track = tracks.get(name, EMPTY_TRACK)
@@ -31,7 +31,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
             {
                 "id": name,
                 "operator": vehicle["operator"],
-                "autopilot": vehicle["autopilot"],
+                "autopilot": vehicle.get("autopilot"),
                 "outcome": outcome.get("state") or "unfinished",
                 "reason": outcome.get("reason") or "",
                 "finished_s": outcome.get("finished_s"),
@@ -44,9 +44,9 @@ def summary(record: RunRecord) -> dict[str, Any]:
     digests = manifest.get("digests") or {}
     report = record.path / "report.html"
     return {
-        "name": manifest["name"],
+        "name": manifest.get("name") or record.path.name,
         "status": record.status,
-        "seed": manifest["seed"],
+        "seed": manifest.get("seed"),
         "simulated_s": record.duration,
         "duration_s": manifest.get("duration_s"),
         "frames": sum(stats.sent for stats in links),

@@ -53,6 +53,8 @@ def _arm_disarm(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command
             return int(ACCEPTED)
         if not arm(fleet, craft, magic not in (FORCE_ARM, FORCE), command.causes):
             return int(FAILED)
+        # home is where it stands now, and ArduPilot says so (AP_AHRS::set_home)
+        fleet.send(craft, BUILDERS[dialect.MAVLINK_MSG_ID_HOME_POSITION](fleet, craft), command.causes)
         navigator.update(fleet, craft)
         return int(ACCEPTED)
     if want == 0.0:

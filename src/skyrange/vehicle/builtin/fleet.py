@@ -74,12 +74,11 @@ class Upload:
 
 
 class MissionState(IntEnum):
-    """MAVLink's MISSION_STATE values as ArduPilot uses them."""
+    """MAVLink's MISSION_STATE values as ArduPilot uses them: one that was left is "not started", never "paused"."""
 
     NONE = 1
     NOT_STARTED = 2
     ACTIVE = 3
-    PAUSED = 4
     COMPLETE = 5
 
 

@@ -31,6 +31,7 @@ _LAND_HEIGHT_M = 2.0
 _LAND_TILT_RAD = math.radians(15.0)
 _LAND_TILT_ERROR_RAD = math.radians(30.0)
 _LAND_FILTER_HZ = 1.0
+_RELAX_TC_S = 0.16  # AC_PosControl.cpp POSCONTROL_RELAX_TC
 # crash_check.cpp (CRASH_CHECK_*)
 _CRASH_S = 2.0
 _CRASH_ACCEL_MPS2 = 3.0
@@ -106,6 +107,19 @@ def _rise(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> None:
 
 
 @kernel
+def _soften(e: Any, f: Any, dt_s: float) -> None:
+    """Stop asking for a lean against wind and position error (AC_PosControl `soften_for_landing_NE`).
+
+    ArduCopter waits for its landing criteria to be met once, and only stops the integral: in a wind that takes more
+    lean than they allow it would stand with turning motors for ever.
+    """
+    share = dt_s / (dt_s + _RELAX_TC_S)
+    for axis in range(2):
+        f.ref_pos[axis] += (e.pos[axis] - f.ref_pos[axis]) * share
+        f.vel_i[axis] -= f.vel_i[axis] * share
+
+
+@kernel
 def _touch(e: Any, f: Any, dt_s: float) -> None:
     """Landed: least throttle, still and level for a second. Crashed: two seconds far from the wanted attitude."""
     rc = 1.0 / (2.0 * math.pi * _LAND_FILTER_HZ)
@@ -113,14 +127,15 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
     for axis in range(3):
         f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * dt_s / (dt_s + rc)
         size += f.land_accel[axis] * f.land_accel[axis]
-    still = (
+    pressed = (  # with no thrust and no acceleration, only the ground can hold it
         f.throttle <= 0.0
-        and f.tilt_target < _LAND_TILT_RAD
-        and f.tilt_error < _LAND_TILT_ERROR_RAD
         and size <= _LAND_ACCEL_MPS2 * _LAND_ACCEL_MPS2
         and abs(e.vel[2]) < _LAND_CLIMB_MPS
         and e.height < _LAND_HEIGHT_M
     )
+    if pressed:
+        _soften(e, f, dt_s)
+    still = pressed and f.tilt_target < _LAND_TILT_RAD and f.tilt_error < _LAND_TILT_ERROR_RAD
     thrown = (
         f.tilt_error > _LAND_TILT_ERROR_RAD
         and size < _CRASH_ACCEL_MPS2 * _CRASH_ACCEL_MPS2

@@ -179,10 +179,13 @@ def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, cause
 
 
 def on_clear_all(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_CLEAR_ALL: no mission; one being flown ends as after its last item."""
+    """MISSION_CLEAR_ALL: no mission. Armed, one that runs is kept (AP_Mission::clear)."""
     if message.mission_type != _ALL and _foreign(fleet, craft, message, partner):
         return
     if not _cancel(fleet, craft, partner):
+        return
+    if fleet.armed(craft) and craft.mission_state == MissionState.ACTIVE:
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, message.mission_type)
         return
     craft.mission.clear()
     navigator.changed(fleet, craft)

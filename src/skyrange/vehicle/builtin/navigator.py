@@ -59,7 +59,7 @@ def reset(craft: Craft) -> None:
 def stop(craft: Craft) -> None:
     """AUTO is left: the item under way is kept for the way back."""
     if craft.mission_state == MissionState.ACTIVE:
-        craft.mission_state = MissionState.PAUSED
+        craft.mission_state = MissionState.NOT_STARTED
     craft.stage = Stage.NONE
 
 
@@ -89,7 +89,7 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
         return False
     craft.current = seq
     if craft.mission_state != MissionState.ACTIVE:
-        craft.mission_state = MissionState.PAUSED
+        craft.mission_state = MissionState.NOT_STARTED
     return True
 
 

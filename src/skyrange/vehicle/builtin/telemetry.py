@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
+from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Time
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.mission_protocol import current_message
@@ -50,10 +50,16 @@ _CAPABILITIES = (
 )
 _I16 = 32_767
 _U16 = 65_535
+_NO_ATTITUDE = (math.nan, math.nan, math.nan, math.nan)
 
 
 def _boot_ms(fleet: Fleet) -> int:
     return max(fleet.now, 0) // NS_PER_MS & 0xFFFFFFFF
+
+
+def _boot_us(fleet: Fleet) -> int:
+    """`time_usec` as ArduPilot fills it: since boot, never UTC, which is SYSTEM_TIME's to say."""
+    return max(fleet.now, 0) // NS_PER_US
 
 
 def _int(value: float, most: int = _I16) -> int:
@@ -71,8 +77,12 @@ def _heading_cdeg(fleet: Fleet, craft: Craft) -> int:
 
 
 def heartbeat(fleet: Fleet, craft: Craft) -> Any:
-    """HEARTBEAT, base mode as GCS_Copter::base_mode makes it."""
-    mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+    """HEARTBEAT, base mode as GCS_MAVLINK_Copter::base_mode makes it: manual input always, guided with a position."""
+    mode = (
+        dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+        | dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    )
     if craft.mode in (Mode.AUTO, Mode.RTL, Mode.GUIDED, Mode.LAND, Mode.BRAKE):
         mode |= dialect.MAV_MODE_FLAG_GUIDED_ENABLED
     armed = fleet.armed(craft)
@@ -104,7 +114,7 @@ def _gps_raw_int(fleet: Fleet, craft: Craft) -> Any:
     alt = fleet.origin.alt_msl_m + up
     course = int(math.degrees(math.atan2(east, north)) % 360.0 * 100.0) % 36_000
     return dialect.MAVLink_gps_raw_int_message(
-        fleet.epoch.utc_us(fleet.now), dialect.GPS_FIX_TYPE_RTK_FIXED, lat, lon, _int(alt * 1e3, 2**31 - 1),
+        _boot_us(fleet), dialect.GPS_FIX_TYPE_RTK_FIXED, lat, lon, _int(alt * 1e3, 2**31 - 1),
         121, 80, _int(math.hypot(east, north) * 100.0), course, 10,
         _int((alt + fleet.origin.geoid_m) * 1e3, 2**31 - 1), 300, 300, 40, 0,
     )  # fmt: skip
@@ -177,8 +187,7 @@ def _home_position(fleet: Fleet, craft: Craft) -> Any:
     lat, lon = fleet.origin.geodetic_of(east, north)
     alt = _int((fleet.origin.alt_msl_m + up) * 1e3, 2**31 - 1)
     return dialect.MAVLink_home_position_message(
-        round(lat * 1e7), round(lon * 1e7), alt, north, east, -up, (1.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0,
-        fleet.epoch.utc_us(fleet.now),
+        round(lat * 1e7), round(lon * 1e7), alt, north, east, -up, _NO_ATTITUDE, 0.0, 0.0, 0.0, _boot_us(fleet),
     )  # fmt: skip
 
 

@@ -1,0 +1,20 @@
+"""How much memory did this process take at its peak?"""
+
+from __future__ import annotations
+
+import resource
+from pathlib import Path
+
+_STATUS = Path("/proc/self/status")
+
+
+def peak_memory_mb() -> float:
+    """Peak resident set in MiB.
+
+    Linux's VmHWM where there is one: `ru_maxrss` begins with what the parent had when it started this process.
+    """
+    if _STATUS.exists():
+        for line in _STATUS.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -1,0 +1,30 @@
+"""Do flights survive links that lose, delay, repeat, reorder and starve? `squares`, with both kinds of plan."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skyrange.scenario.catalogue import source_of
+from skyrange.scenario.load import load_text
+from skyrange.study.session import fly
+
+SQUARES = source_of("squares").read_text()
+LINKS = {
+    "lossy": "loss = 0.05\njitter_ms = 200\nduplicate = 0.05\nreorder = 0.05",
+    "held_back": "loss = 0.1\njitter_ms = 300\nduplicate = 0.1\nreorder = 0.1\nreorder_ms = 1500",
+    "narrow": "rate_bps = 4800\nqueue_bytes = 2000",
+    "far": "latency_ms = 800\njitter_ms = 800",
+}
+
+
+@pytest.mark.parametrize("kind", ["auto", "guided"])
+@pytest.mark.parametrize("links", sorted(LINKS))
+def test_squares_completes_over_bad_links(links: str, kind: str, tmp_path: Path) -> None:
+    text = f'{SQUARES}\n[[links]]\nmatch = "gcs:*"\n{LINKS[links]}\n'
+    changes = [f'operators.*.vehicles.*.plan.mode="{kind}"']
+    record = fly(load_text(text, links, tmp_path, overrides=changes), tmp_path / "run", report=False)
+    found = {vehicle: (outcome["state"], outcome["reason"]) for vehicle, outcome in record.outcomes.items()}
+    assert found == dict.fromkeys(found, ("complete", ""))
+    assert len(found) == 5
