@@ -94,13 +94,11 @@ def test_ordering_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 GROWTH = """
-import resource, sys
+import sys
 from skyrange.agent.frames import Fate, Frame
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.record import Recorder
-
-def peak_mb():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+from skyrange.runtime.memory import peak_memory_mb as peak_mb
 
 recorder = Recorder.open(sys.argv[1], {"operators": [{"id": "blue"}]})
 names = [f"blue/b{k}" for k in range(100)]
