@@ -287,10 +287,15 @@ def test_an_output_that_lacks_signs_or_room(squares: Path) -> None:
     assert "blue/b1" in done.stdout
     done = cli("scenarios", "--json", env=plain)
     assert [row["name"] for row in json.loads(done.stdout)] == ["squares", "survey"]
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run([*SKYRANGE, "show", str(squares)], stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 2
-    assert done.stderr == "skyrange: No space left on device\n"
+    for buffered in ({}, {"PYTHONUNBUFFERED": "1"}):
+        bare = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+        with Path("/dev/full").open("w") as full:
+            done = subprocess.run(
+                [*SKYRANGE, "show", str(squares)],
+                stdout=full, stderr=subprocess.PIPE, text=True, env={**bare, **buffered},
+            )  # fmt: skip
+        assert done.returncode == 2
+        assert done.stderr == "skyrange: No space left on device\n"
 
 
 def test_an_engine_with_a_bug_is_blamed_and_leaves_a_failed_record(

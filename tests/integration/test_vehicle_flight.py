@@ -254,6 +254,15 @@ def test_it_lands_and_disarms_in_a_wind_that_takes_more_lean_than_the_landing_de
     assert r.events("event.disarmed")[0].data["reason"] == "landed"
 
 
+def test_an_aircraft_that_the_wind_holds_back_is_at_its_waypoints_when_it_reaches_them() -> None:
+    r = Range([VehicleSpec(V, 1)], wind_enu_mps=(-11.0, 0.0, 0.0))  # it makes some 1.5 m/s good against this
+    r.upload(V, [takeoff(10), waypoint(20, 0, 10), waypoint(20, 20, 10), rtl()])
+    start(r, V)
+    for count, (east, north) in ((2, (20.0, 0.0)), (3, (20.0, 20.0))):
+        r.run_until(r.has("event.item_reached", count), 120.0)
+        assert np.hypot(*(r.positions()[0, :2] - [east, north])) < 5.0
+
+
 def test_disarm_in_flight_only_by_force() -> None:
     r = one()
     r.take_off(V, 5.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skyrange.vehicle.builtin import guidance, shaping
-from skyrange.vehicle.builtin.layout import FLIGHT, zeros
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, zeros
 from skyrange.vehicle.builtin.parameters import SETTINGS, fill
 from skyrange.world.airframes import IRIS
 
@@ -65,12 +65,11 @@ def _row(**limits: float) -> tuple[object, object, np.ndarray, np.ndarray]:
 
 
 def _fly(flight: np.ndarray, settings: np.ndarray, seconds: float) -> np.ndarray:
-    from skyrange.vehicle.builtin.layout import ESTIMATE
-
     estimate = zeros(ESTIMATE, 1)
     path = []
     for _ in range(round(seconds / 0.0025)):
-        estimate["pos"] = flight["ref_pos"]
+        estimate["pos"] = flight["ref_pos"]  # an aircraft that keeps up
+        estimate["vel"] = flight["ref_vel"]
         guidance.guide(estimate[0], flight[0], settings[0], 0.0025)
         path.append(np.concatenate([flight["ref_pos"][0], flight["ref_vel"][0], flight["ref_acc"][0]]))
     return np.array(path)
@@ -129,3 +128,17 @@ def test_speed_change_in_the_cruise_is_taken_up_and_the_leg_still_ends_there() -
     path = _fly(flight, settings, 40.0)
     assert path[:, 3].max() == pytest.approx(8.0, abs=1e-6)
     assert path[-1, 0] == pytest.approx(200.0, abs=1e-6)
+
+
+def test_the_reference_waits_for_an_aircraft_that_cannot_follow() -> None:
+    f, p, flight, settings = _row(speed_xy=8.0)
+    guidance.begin_leg(f, p, 400.0, 0.0, 0.0, False, False)
+    estimate = zeros(ESTIMATE, 1)
+    for _ in range(24_000):  # a minute in which the aircraft makes 3 m/s good
+        estimate["pos"][0, 0] += 3.0 * 0.0025
+        estimate["vel"][0, 0] = 3.0
+        guidance.guide(estimate[0], flight[0], settings[0], 0.0025)
+    ahead_m = float(flight["ref_pos"][0, 0] - estimate["pos"][0, 0])
+    # where 0.05 + (3 - PSC_POSXY_P * ahead) / 8 lets the reference advance at 3 m/s too: 0.4 m
+    assert 0.0 < ahead_m < 1.5
+    assert not flight["flags"][0] & 4

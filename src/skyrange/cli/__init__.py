@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 
 
@@ -18,16 +19,26 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a sign shows "?" for it
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()  # here, where it can still be said that there is no room or no reader
     except SkyrangeError as error:
         print(f"skyrange: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
-    except BrokenPipeError:
-        # the reader of our output (`| head`) has gone; Python would complain once more while flushing
-        sys.stderr.close()
+    except BrokenPipeError:  # the reader of our output (`| head`) has gone
+        _forget_output()
         sys.exit(0)
     except OSError as error:
         # a full disk, say, below a report or a redirected output
+        _forget_output()
         where = f"{error.filename}: " if error.filename else ""
         print(f"skyrange: {where}{error.strerror or error}", file=sys.stderr)
         sys.exit(2)
+
+
+def _forget_output() -> None:
+    """Send what is still buffered nowhere: Python would try once more as it ends, and complain."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

@@ -11,4 +11,6 @@ Where it knowingly differs from ArduCopter 4.6:
   none above terrain. No fence and no rally points. An item waits to be started until the motors are armed.
 - GUIDED takes positions and velocities; no acceleration, yaw or yaw rate.
 - Messages are sent on the 10 ms grid; an interval below that is denied.
+- On touchdown it softens its hold on the place, so that it also disarms in a wind that it has to lean into.
+- A mission of jumps over one waypoint that is already there reaches it again at every tick.
 """

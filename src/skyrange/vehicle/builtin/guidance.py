@@ -182,7 +182,28 @@ def face(f: Any, p: Any, east: float, north: float) -> None:
 
 
 @kernel
-def _follow_leg(e: Any, f: Any, dt_s: float) -> None:
+def _pace(e: Any, f: Any, p: Any, dt_s: float) -> float:
+    """How far to advance along the track in a step: less where the aircraft cannot keep up, as in strong wind.
+
+    ArduPilot's `_track_dt_scalar` (AC_WPNav::advance_wp_target_along_track): with a margin of 5 %, and a
+    time constant of acceleration over jerk. Speed and acceleration of the reference are not scaled.
+    """
+    wanted = 1.0
+    speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
+    if speed > 0.0:
+        ahead_m = 0.0
+        made_mps = 0.0
+        for axis in range(3):
+            ahead_m += (f.ref_pos[axis] - e.pos[axis]) * f.ref_vel[axis] / speed
+            made_mps += e.vel[axis] * f.ref_vel[axis] / speed
+        wanted = clamp(0.05 + (made_mps - p.PSC_POSXY_P * ahead_m) / speed, 0.0, 1.0)
+    f.track_lag += (1.0 - wanted - f.track_lag) * min(1.0, dt_s * p.WPNAV_JERK / f.accel_xy)
+    scaled: float = dt_s * (1.0 - f.track_lag)
+    return scaled
+
+
+@kernel
+def _follow_leg(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Advance leg and fading tail; raise ARRIVED once."""
     leg = f.leg
     tail = f.tail
@@ -194,8 +215,9 @@ def _follow_leg(e: Any, f: Any, dt_s: float) -> None:
             plan(leg, leg_speed(f))
             total = leg.t_up + leg.t_cruise + leg.t_down
             f.replan = 0
-    leg.t = min(leg.t + dt_s, total)
-    tail.t = min(tail.t + dt_s, tail.t_up + tail.t_cruise + tail.t_down)
+    step_s = _pace(e, f, p, dt_s)
+    leg.t = min(leg.t + step_s, total)
+    tail.t = min(tail.t + step_s, tail.t_up + tail.t_cruise + tail.t_down)
     s, v, a = along(leg)
     tail_s, tail_v, tail_a = along(tail)
     left = tail.length - tail_s
@@ -265,7 +287,7 @@ def guide(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Move the reference of one flying aircraft by one step, according to its control."""
     control = f.control
     if control == _LEG:
-        _follow_leg(e, f, dt_s)
+        _follow_leg(e, f, p, dt_s)
     elif control == _POSITION:
         for axis in range(3):
             f.target_pos[axis] += f.target_vel[axis] * dt_s

@@ -79,6 +79,7 @@ FLIGHT: Final = np.dtype(
         ("fast", "i8"),  # pass the leg's end without stopping
         ("replan", "i8"),  # the speed changed
         ("radius", "f8"),  # acceptance radius, m
+        ("track_lag", "f8"),  # how much slower than time the leg's reference advances, 0 … 1
         # controllers' memory
         ("vel_err", "f8", (2,)),
         ("vel_d", "f8", (2,)),
