@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from skyrange.agent.contracts import Agent
+from skyrange.agent.contracts import Agent, Tap
 from skyrange.agent.messages import Arrival, Inbox, Outbox
 from skyrange.core.time import NS_PER_S, Time, ceil_to
 from skyrange.testing.form import Said, said
@@ -79,19 +79,22 @@ def drive(
         steps.append(Step(now, delivered - first, outbox, contents, wish))
 
 
-def wakeup(agent: Agent, now: Time | None, call: Call) -> Time | None:
-    """What the agent answers, twice alike, to `next_wakeup` after its step at `now`; `Broken` (rule `wakeups`)."""
+def wakeup(asked: Agent | Tap, now: Time | None, call: Call) -> Time | None:
+    """What an agent or tap answers, twice alike, to `next_wakeup` after it acted at `now`; `Broken` (rule `wakeups`).
+
+    `now` is `None` where an overdue wish may still stand: only a wake-up has to move a tap's on.
+    """
     try:
-        wish, again = call(agent.next_wakeup), call(agent.next_wakeup)
+        wish, again = call(asked.next_wakeup), call(asked.next_wakeup)
     except Broken:
         raise
     except Exception as error:
         raise Broken(f"next_wakeup() raised {error!r}", "a time or None", "wakeups") from error
-    check_wakeup(wish, again, now)
+    _check_wakeup(wish, again, now)
     return wish
 
 
-def check_wakeup(wish: object, again: object, now: Time | None) -> None:
+def _check_wakeup(wish: object, again: object, now: Time | None) -> None:
     """`Broken` (rule `wakeups`) unless `wish` is `None` or an `int` after `now`, and the same as `again`."""
     proper = wish is None or (isinstance(wish, int) and not isinstance(wish, bool))
     if not proper:

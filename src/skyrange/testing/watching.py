@@ -10,7 +10,7 @@ from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.verdicts import Inject, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.testing.driving import MAX_WAKEUPS_PER_S, check_wakeup
+from skyrange.testing.driving import MAX_WAKEUPS_PER_S, wakeup
 from skyrange.testing.purity import Call, plainly
 from skyrange.testing.rules import Broken, short
 
@@ -35,7 +35,7 @@ def watch(
     moments: list[Moment] = []
     now, shown, woken = begin, 0, 0
     allowed = MAX_WAKEUPS_PER_S * (1 + (until - begin) // NS_PER_S)
-    wish = _wish(tap, None, call)
+    wish = wakeup(tap, None, call)
     due = _due(wish, None, None, now)
     while True:
         frame = frames[shown] if shown < len(frames) else None
@@ -51,7 +51,7 @@ def watch(
                 raise Broken(f"woke {woken} times by {now} ns", f"at most {MAX_WAKEUPS_PER_S} a second", "wakeups")
         else:
             return moments
-        before, wish = wish, _wish(tap, None if frame is not None else now, call)
+        before, wish = wish, wakeup(tap, None if frame is not None else now, call)
         due = _due(wish, before, due, now)
         moments.append((now, None if frame is None else frame.id, verdicts, wish))
         if frame is not None and fate is not None:
@@ -84,15 +84,3 @@ def _answer(
             expected = "Injects only" if what == "on_wakeup" else "Pass, Drop, Delay, Replace or Inject"
             raise Broken(f"answered {what} with {short(verdict)}", expected, "verdicts")
     return tuple(verdicts)
-
-
-def _wish(tap: Tap, now: Time | None, call: Call) -> Time | None:
-    """When it wants to act next. Only a wake-up has to move it on: after a frame, an overdue wish may still stand."""
-    try:
-        wish, again = call(tap.next_wakeup), call(tap.next_wakeup)
-    except Broken:
-        raise
-    except Exception as error:
-        raise Broken(f"next_wakeup() raised {error!r}", "a time or None", "wakeups") from error
-    check_wakeup(wish, again, now)
-    return wish
