@@ -24,7 +24,6 @@ SIGNATURE = 13
 SIGNED = 0x01
 """The only incompatibility flag defined so far (MAVLINK_IFLAG_SIGNED)."""
 MIN_FRAME = HEADER_V1 + CHECKSUM
-MAX_FRAME = HEADER_V2 + 255 + CHECKSUM + SIGNATURE
 
 unpack_header_v1 = struct.Struct("<xBBBBB").unpack_from
 """length, sequence, system, component, message id — after the magic byte."""

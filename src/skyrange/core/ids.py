@@ -16,7 +16,6 @@ ID_PATTERN = re.compile(r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$")
 """Operator, vehicle and attack ids: they become file names and parts of link names."""
 
 APPROVAL = "approval"
-ORACLE = "oracle"
 
 
 class Port(NamedTuple):

@@ -99,7 +99,7 @@ class Traffic:
                 verdicts = slot.tap.on_frame(now, frame)
             except Exception as error:
                 raise blamed(f"tap {slot.name}", now, error) from error
-            if verdicts and (acts(slot.attack, now)):
+            if verdicts and acts(slot.attack, now):
                 passed = self._apply(now, slot, lane, frame, index + 1, sending, verdicts)
                 if passed is None:
                     self.schedule_tap(slot, now)

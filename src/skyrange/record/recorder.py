@@ -327,10 +327,6 @@ class Recorder:
         with suppress(OSError):
             write_manifest(self.path, self._manifest)
 
-    def interrupt(self, extra: Mapping[str, Any] | None = None) -> None:
-        """`close` a run that was stopped on purpose before its end."""
-        self.close("interrupted", extra)
-
     def _ending(self, status: str, extra: Mapping[str, Any]) -> dict[str, Any]:
         state = self._state
         return {

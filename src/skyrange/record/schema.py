@@ -38,11 +38,6 @@ class Column:
     meaning: str
     nullable: bool = False
 
-    @property
-    def is_name(self) -> bool:
-        """Whether few distinct texts repeat over many rows."""
-        return bool(self.type == NAME)
-
 
 _F64 = pa.float64()
 _F32 = pa.float32()
@@ -204,16 +199,3 @@ def telemetry_columns(fields: Iterable[tuple[str, bool]]) -> tuple[Column, ...]:
         )
         for name, text in fields
     )
-
-
-def documentation() -> str:
-    """All tables and columns as Markdown."""
-    lines: list[str] = []
-    for table, columns in TABLES.items():
-        lines += [f"### `{table}`", "", "| column | type | unit | meaning |", "|---|---|---|---|"]
-        schema = arrow_schema(table)
-        for column in columns:
-            kind = f"{schema.field(column.name).type}{', nullable' if column.nullable else ''}"
-            lines.append(f"| `{column.name}` | {kind} | {column.unit} | {column.meaning} |")
-        lines.append("")
-    return "\n".join(lines)

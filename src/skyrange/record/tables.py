@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +18,6 @@ from skyrange.record.spool import read_spool
 
 BATCH_ROWS = 65_536
 """Rows read at once from a Parquet file."""
-
-Batches = Callable[[], Iterator[pa.RecordBatch]]
-"""Starts a reading of some batches from the first; may be called again."""
 
 
 def readable(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
