@@ -208,6 +208,32 @@ class Group(NamedTuple):
     values: Table
 
 
+class Cell(NamedTuple):
+    """One column of a message as tables have it: a scalar field, a text, or one element of an array."""
+
+    name: str
+    """The field's name, `name[i]` for an element."""
+    field: str
+    element: int | None
+    kind: str
+    """ "int", "float" or "text"."""
+
+
+@cache
+def cells_of(message_id: int) -> tuple[Cell, ...]:
+    """The columns of a message, in its own order."""
+    cells: list[Cell] = []
+    dtype = dtype_of(message_id)
+    for name in LAYOUTS[message_id].cls.fieldnames:
+        sub = dtype[name]
+        kind = {"S": "text", "f": "float"}.get(sub.base.kind, "int")
+        if sub.shape:
+            cells += [Cell(f"{name}[{place}]", name, place, kind) for place in range(sub.shape[0])]
+        else:
+            cells.append(Cell(name, name, None, kind))
+    return tuple(cells)
+
+
 def sort(payloads: Payloads) -> Ints:
     """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can tell what it is, if anything."""
     found = np.empty(len(payloads), dtype=np.int64)
