@@ -18,7 +18,8 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch, from_seconds
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body, World
+from skyrange.world import Body, SensorSpec, World
+from skyrange.world.magnetism import field_at
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
@@ -50,12 +51,14 @@ class Range:
         wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
         origin: Origin = ORIGIN,
         seed: int = 7,
+        noise: float = 0.0,
     ) -> None:
         self.specs = list(specs)
         bodies = [
             Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], s.home_enu_m[2], s.heading_deg) for s in specs
         ]
-        self.world = World(bodies, QUANTUM_NS, wind_enu_mps, None)
+        sensors = SensorSpec(noise, field_at(origin), Chance(seed))
+        self.world = World(bodies, QUANTUM_NS, wind_enu_mps, None, sensors=sensors)
         size = -(-len(self.specs) // split)
         parts = [self.specs[start : start + size] for start in range(0, len(self.specs), size)]
         self.engines = [BuiltinFleet(f"part{i}", p, origin, EPOCH, Chance(seed)) for i, p in enumerate(parts)]

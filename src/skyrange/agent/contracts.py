@@ -20,6 +20,7 @@ from skyrange.core.ids import Port
 from skyrange.core.time import Time
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 class Agent(Protocol):
@@ -73,7 +74,7 @@ class Sensors:
     accel_mps2: Floats
     """(n, 3) specific force in the body: (0, 0, +9.8) at rest and level."""
     attitude: Floats
-    """(n, 4) quaternion w, x, y, z, body to local."""
+    """(n, 4) quaternion w, x, y, z, body to local, as it truly is: for engines that make sensors of their own of it."""
     gnss_enu_m: Floats
     """(n, 3) position."""
     gnss_vel_enu_mps: Floats
@@ -82,6 +83,20 @@ class Sensors:
     """(n,) height above the origin."""
     rangefinder_m: Floats
     """(n,) height above the ground below."""
+    compass_gauss: Floats
+    """(n, 3) the Earth's magnetic field in the body."""
+    gnss_accuracy: Floats
+    """(n, 3) what the receiver claims of itself: horizontal m, vertical m, speed m/s, one sigma each."""
+    gnss_fix: Ints
+    """(n,) MAVLink GPS_FIX_TYPE: 0 no receiver, 1 no fix, 3 3D, 6 RTK fixed."""
+    gnss_satellites: Ints
+    """(n,) satellites used."""
+    gnss_time_ns: Ints
+    """(n,) when the position was measured: a new value is a new measurement, an old one is a repetition."""
+    battery_v: Floats
+    """(n,) voltage at the terminals."""
+    battery_a: Floats
+    """(n,) current drawn."""
 
 
 class InstanceStatus(StrEnum):

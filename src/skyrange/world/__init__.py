@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 from skyrange.world.airframes import AIRFRAMES, Airframe, Rotor
 
 if TYPE_CHECKING:
+    from skyrange.world.sensors import SensorSpec
     from skyrange.world.world import Body, World
 
-__all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "World"]
+__all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "SensorSpec", "World"]
 
 
 def __getattr__(name: str) -> object:
@@ -18,4 +19,8 @@ def __getattr__(name: str) -> object:
         from skyrange.world import world
 
         return getattr(world, name)
+    if name == "SensorSpec":
+        from skyrange.world import sensors
+
+        return sensors.SensorSpec
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -19,6 +19,7 @@ from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import multirotor
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
+from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -56,6 +57,7 @@ class World:
         quantum_ns: Time = DEFAULT_QUANTUM_NS,
         wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
         city: City | None = None,
+        sensors: SensorSpec = IDEAL,
     ) -> None:
         """`wind_enu_mps` is the air's velocity. Raises InputError with every fault of the bodies at once."""
         _check(bodies, quantum_ns, wind_enu_mps)
@@ -80,13 +82,19 @@ class World:
         self._accel = np.zeros((n, 3))
         self._flags = np.zeros((n, 4), dtype=np.uint8)
         self._impact_mps = np.zeros(n)
+        self._power = np.zeros((n, 2))  # volts and amperes at the battery's terminals
         for i, body in enumerate(bodies):
             half_yaw = 0.5 * math.radians(90.0 - body.heading_deg)
             self._attitude[i, 0], self._attitude[i, 3] = math.cos(half_yaw), math.sin(half_yaw)
             standing = body.up_m == 0.0
             self._flags[i, multirotor.ON_GROUND if standing else multirotor.ALOFT] = 1
             self._accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
+        self._sensing = Sensing(sensors, self.vehicles, self._seen(), self._commands, self._power)
         self._bind()
+
+    def _seen(self) -> tuple[Floats, ...]:
+        """The arrays that sensors look at."""
+        return self._rates, self._accel, self._attitude, self._position, self._velocity
 
     def _bind(self) -> None:
         """Make what points into the arrays: the kernel's arguments and the read-only views."""
@@ -105,17 +113,12 @@ class World:
             self._flags,
             self._impact_mps,
         )
-        views = [a.view() for a in (self._rates, self._accel, self._attitude, self._position, self._velocity)]
-        for view in views:
-            view.flags.writeable = False
-        self._readings = tuple(views)
-        self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
+        self._sensing.bind(self._seen(), self._commands, self._power)
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the views: copied arrays get views of their own."""
         state = self.__dict__.copy()
-        for key in ("_arguments", "_readings", "_by_slice"):
-            del state[key]
+        del state["_arguments"]
         return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -131,14 +134,15 @@ class World:
         """
         if self._now is None:
             self._now = now
+            self._sensing.sample(now)
             return _NO_NOTES
         steps = (now - self._now) // self.quantum_ns
         if steps < 0:
             raise ValueError(f"world: asked to advance to {now} ns from {self._now} ns; time only runs forward")
         self._now += steps * self.quantum_ns
-        if multirotor.advance(steps, *self._arguments) == 0:
-            return _NO_NOTES
-        return self._notes()
+        events = multirotor.advance(steps, *self._arguments)
+        self._sensing.sample(self._now)
+        return self._notes() if events else _NO_NOTES
 
     def _notes(self) -> list[Note]:
         """What the last kernel call flagged, in vehicle order; clears it."""
@@ -156,22 +160,12 @@ class World:
         return notes
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        """Ideal sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
+        """The sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
 
-        The accelerometer reads the mean specific force over the last quantum. Barometer and
-        rangefinder read the height of the gear over the ground.
+        The accelerometer reads the mean specific force over the last quantum. Barometer and rangefinder
+        read the height of the gear over the ground.
         """
-        if isinstance(rows, slice):
-            key = (rows.start, rows.stop, rows.step)
-            known = self._by_slice.get(key)
-            if known is None:
-                known = self._by_slice[key] = self._read(rows)
-            return known
-        return self._read(rows)
-
-    def _read(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        gyro, accel, attitude, position, velocity = (reading[rows] for reading in self._readings)
-        return Sensors(gyro, accel, attitude, position, velocity, position[:, 2], position[:, 2])
+        return self._sensing.read(rows)
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""
