@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +97,35 @@ class Sensors:
     """(n,) voltage at the terminals."""
     battery_a: Floats
     """(n,) current drawn."""
+
+
+class SensorAct(NamedTuple):
+    """One thing that a sensor fault did, to be labelled: to which vehicle's which sensor."""
+
+    vehicle: str
+    sensor: str
+    """Such as "gnss", "baro", "compass", "imu"."""
+
+
+class SensorFault(Protocol):
+    """Alters what sensors say before their autopilot hears it. It belongs to an attack, which owns its state.
+
+    Called once a tick, muted or not: while its attack does not act, on copies that are thrown away. Deep-copyable,
+    pure: what it does depends on what it was handed and on the time alone.
+    """
+
+    name: str
+    """Who acted, in the labels; unique among the faults of a run."""
+    vehicles: Sequence[str]
+    """Whose sensors it reaches: the rows of what it is handed, in this order."""
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+        """Write into `sensors`, writable copies of its vehicles' rows, as other faults have left them.
+
+        A fix is new to an autopilot by its `gnss_time_ns`: to invent one, give it a time of its own. Returns the
+        acts to be labelled: one where an alteration begins or changes in kind, not one at every tick.
+        """
+        ...
 
 
 class InstanceStatus(StrEnum):

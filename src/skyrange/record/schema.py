@@ -132,9 +132,9 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "labels": (
         Column("at_ns", _I64, "ns", f"when the hostile act took place, {_TIME}"),
         Column("attack", NAME, "", "the attack's id"),
-        Column("actor", NAME, "", "the tap or agent that acted"),
-        Column("action", NAME, "", "drop, delay, replace, inject or send"),
-        Column("frame", TEXT, "", "id of the frame acted on or put on the link"),
+        Column("actor", NAME, "", "the tap, agent or sensor fault that acted"),
+        Column("action", NAME, "", "drop, delay, replace, inject, send or sensor"),
+        Column("frame", TEXT, "", "id of the frame acted on or put on the link, or of an act on a sensor"),
         Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
         Column("until_ns", _I64, "ns", f"until when a delay holds the frame, {_TIME}", True),
     ),

@@ -32,7 +32,7 @@ from skyrange.vehicle.builtin.estimation.state import (
     Aiding,
     blank,
 )
-from skyrange.vehicle.builtin.estimation.strapdown import carry, reading, show, show_angles
+from skyrange.vehicle.builtin.estimation.strapdown import carry, reading, show, show_lean
 from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.shaping import clamp
 from skyrange.world.magnetism import field_at
@@ -90,7 +90,8 @@ def begin(
         else:
             align_yaw(e, k, heading)
         k.shift_yaw = 0.0
-        show_angles(e, k)
+        show(e, k)
+        show_lean(e)
         k.turn[0], k.turn[1], k.turn[2] = _START_YAW_RAD * _START_YAW_RAD, 0.0, _START_BIAS_RADPS * _START_BIAS_RADPS
 
         h_acc, v_acc, s_acc = claimed(accuracy[i, 0], 100.0), claimed(accuracy[i, 1], 100.0), claimed(accuracy[i, 2], 50.0)
@@ -214,7 +215,7 @@ def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
         k.slack_vel[axis] *= keep
         k.gyro_bias[axis] = clamp(k.gyro_bias[axis], -GYRO_BIAS_LIMIT_RADPS, GYRO_BIAS_LIMIT_RADPS)
         e.imu_accel[axis] = k.force[axis]
-    show_angles(e, k)
+    show_lean(e)
 
 
 class Estimator:

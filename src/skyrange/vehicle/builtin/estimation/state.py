@@ -98,35 +98,33 @@ class News(IntFlag):
 
 FILTER: Final = np.dtype(
     [
-        # the state, local frame
+        # what every tick touches, together: the state, local frame
         ("pos", "f8", (3,)),
         ("vel", "f8", (3,)),
+        ("slack_pos", "f8", (3,)),  # corrections made but not shown yet
+        ("slack_vel", "f8", (3,)),
+        ("rate", "f8", (3,)),  # the last inertial readings
+        ("force", "f8", (3,)),
         ("gyro_bias", "f8", (3,)),  # rad/s, body
         ("accel_bias", "f8"),  # m/s², up
-        # corrections made but not shown yet, and the sum of all made
-        ("slack_pos", "f8", (3,)),
-        ("slack_vel", "f8", (3,)),
+        ("yaw_cos", "f8"),
+        ("yaw_sin", "f8"),
+        ("yaw_from", "f8"),  # the yaw of that direction
+        ("aiding", "i8"),
+        ("news", "i8"),
+        # the sum of all corrections, and what resets have moved since the references followed
         ("moved_pos", "f8", (3,)),
         ("moved_vel", "f8", (3,)),
-        # what resets have moved since the references followed
         ("shift_pos", "f8", (3,)),
         ("shift_vel", "f8", (3,)),
         ("shift_yaw", "f8"),
-        ("news", "i8"),
-        # the last inertial readings
-        ("rate", "f8", (3,)),
-        ("force", "f8", (3,)),
         ("accel_slow", "f8", (3,)),  # velDotNEDfilt
-        ("yaw_cos", "f8"),
-        ("yaw_sin", "f8"),
-        ("yaw_from", "f8"),  # yaw at the last step of the filter
         # variances, upper triangles: (position, velocity, tilt, gyro bias), the same for east and north;
         # (height, climb, accelerometer bias); (yaw, gyro bias)
         ("level", "f8", (10,)),
         ("up", "f8", (6,)),
         ("turn", "f8", (3,)),
         # aiding
-        ("aiding", "i8"),
         ("held", "f8", (2,)),  # lastKnownPositionNE
         ("pos_timeout", "i8"),
         ("vel_timeout", "i8"),

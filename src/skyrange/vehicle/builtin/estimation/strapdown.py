@@ -24,6 +24,7 @@ from skyrange.vehicle.builtin.estimation.state import (
 from skyrange.vehicle.builtin.shaping import clamp
 
 _NONE = int(Aiding.NONE)
+_SMALL = 0.05  # tangent below which an angle is taken from a series
 _ACCEL_UNAIDED_MPS2 = 5.0  # UpdateStrapdownEquationsNED: manoeuvres without aiding
 
 
@@ -83,7 +84,8 @@ def carry(e: Any, k: Any, gyro: Any, accel: Any, dt_s: float) -> None:
     nx = x * cosine + w * tx + y * tz - z * ty
     ny = y * cosine + w * ty + z * tx - x * tz
     nz = z * cosine + w * tz + x * ty - y * tx
-    norm = 1.0 / math.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
+    # one Newton step to unit length: what is left is of the order of rounding
+    norm = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
     e.quat[0] = nw * norm
     e.quat[1] = nx * norm
     e.quat[2] = ny * norm
@@ -92,17 +94,17 @@ def carry(e: Any, k: Any, gyro: Any, accel: Any, dt_s: float) -> None:
 
 @kernel
 def show(e: Any, k: Any) -> None:
-    """Position and velocity as the controllers and the telemetry see them, and the yaw between two filter steps."""
+    """Position and velocity as the controllers and the telemetry see them, and the yaw."""
     for axis in range(3):
         e.pos[axis] = k.pos[axis] - k.slack_pos[axis]
         e.vel[axis] = k.vel[axis] - k.slack_vel[axis]
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     cosine = 1 - 2 * (y * y + z * z)
     sine = 2 * (w * z + x * y)
-    # the angle since the filter's last step is small: a series, where atan2 would cost as much as all the rest
+    # small turns from a known angle by series, exact to 1e-12: atan2 at every tick would cost as much as all the rest
     across = k.yaw_cos * sine - k.yaw_sin * cosine
     ahead = k.yaw_cos * cosine + k.yaw_sin * sine
-    if ahead > 0.0 and abs(across) < 0.2 * ahead:
+    if abs(across) < _SMALL * ahead:
         t = across / ahead
         t2 = t * t
         yaw = k.yaw_from + t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
@@ -112,16 +114,27 @@ def show(e: Any, k: Any) -> None:
             yaw += 2.0 * math.pi
         e.yaw = yaw
     else:
-        e.yaw = math.atan2(sine, cosine)
+        k.yaw_cos = cosine
+        k.yaw_sin = sine
+        k.yaw_from = math.atan2(sine, cosine)
+        e.yaw = k.yaw_from
 
 
 @kernel
-def show_angles(e: Any, k: Any) -> None:
-    """Roll, pitch and yaw from the attitude: at every step of the filter."""
+def show_lean(e: Any) -> None:
+    """Roll and pitch from the attitude, at every step of the filter."""
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
-    e.roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    e.pitch = math.asin(clamp(2 * (w * y - z * x), -1.0, 1.0))
-    k.yaw_cos = 1 - 2 * (y * y + z * z)
-    k.yaw_sin = 2 * (w * z + x * y)
-    k.yaw_from = math.atan2(k.yaw_sin, k.yaw_cos)
-    e.yaw = k.yaw_from
+    across = 2 * (w * x + y * z)
+    ahead = 1 - 2 * (x * x + y * y)
+    if abs(across) < _SMALL * ahead:
+        t = across / ahead
+        t2 = t * t
+        e.roll = t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
+    else:
+        e.roll = math.atan2(across, ahead)
+    s = 2 * (w * y - z * x)
+    if abs(s) < _SMALL:
+        s2 = s * s
+        e.pitch = s * (1.0 + s2 * (1.0 / 6.0 + s2 * (0.075 + s2 * 15.0 / 336.0)))
+    else:
+        e.pitch = math.asin(clamp(s, -1.0, 1.0))
