@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
+from skyrange.agent.contracts import Sensors
 from skyrange.agent.messages import Arrival, Inbox, Note
 from skyrange.codec.mavlink import Packer, decode, dialect
 from skyrange.core.chance import Chance
@@ -74,6 +75,8 @@ class Range:
         self.system = {s.vehicle: s.system_id for s in specs}
         self.port = {v: port for e in self.engines for v, port in zip(e.vehicles, e.ports, strict=True)}
         self.track: list[tuple[float, np.ndarray]] = []
+        self.tamper: Callable[[int, Sensors], None] | None = None
+        """What is done to the sensors before the autopilot reads them."""
 
     def copy(self) -> Range:
         """An independent continuation."""
@@ -100,7 +103,11 @@ class Range:
                 mail[next(i for i, e in enumerate(self.engines) if vehicle in e.vehicles)].append(arrival)
             self.waiting = []
         for engine, rows, letters in zip(self.engines, self.bounds, mail, strict=True):
-            engine.begin(self.now, self.world.sensors(rows), Inbox(letters))
+            sensors = self.world.sensors(rows)
+            if self.tamper is not None:
+                sensors = Sensors(*(np.array(getattr(sensors, field.name)) for field in fields(Sensors)))
+                self.tamper(self.now, sensors)
+            engine.begin(self.now, sensors, Inbox(letters))
         for engine, rows in zip(self.engines, self.bounds, strict=True):
             done = engine.finish(self.now, 1.0)
             self.world.actuate(rows, done.actuators)
