@@ -25,6 +25,7 @@ from skyrange.vehicle.builtin.estimation.report import report
 from skyrange.vehicle.builtin.estimation.state import (
     ACCEL_MAX_MPS2,
     GYRO_BIAS_LIMIT_RADPS,
+    HEIGHT_MAX_M,
     POS_LIMIT_M,
     SLOTS,
     STEP_NS,
@@ -41,6 +42,8 @@ Ints = NDArray[np.int64]
 
 _ABSOLUTE = int(Aiding.ABSOLUTE)
 _NONE = int(Aiding.NONE)
+_VOLTS_MAX = 1000.0  # beyond any battery that flies: a reading stays a number
+_AMPERES_MAX = 10_000.0
 _SLOW = 0.05  # UpdateStrapdownEquationsNED: low pass of the acceleration, per step
 _START_VEL_MPS = 0.1
 _START_TILT_RAD = 0.01
@@ -191,11 +194,11 @@ def turn(
             read_baro(e, k, p, now, baro[i], on)
             _settle(e, k, p, step_s)
             seen = rangefinder[i]
-            ranged = math.isfinite(seen)
-            e.height = seen if ranged else k.pos[2]
+            ranged = math.isfinite(seen) and seen >= 0.0
+            e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
             report(e, k, now, ranged)
-            e.battery_v = volts[i]
-            e.battery_a = amperes[i]
+            e.battery_v = reading(volts[i], e.battery_v, _VOLTS_MAX)
+            e.battery_a = reading(amperes[i], e.battery_a, _AMPERES_MAX)
             if k.news != 0:
                 news += 1
         show(e, k)
