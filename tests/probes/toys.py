@@ -178,7 +178,23 @@ class Bodies:
         height = self._height_m[rows]
         n = len(height)
         zeros = np.zeros((n, 3))
-        return Sensors(zeros, zeros, np.zeros((n, 4)), zeros, zeros, height, height)
+        whole = np.zeros(n, dtype=np.int64)
+        return Sensors(
+            zeros,
+            zeros,
+            np.zeros((n, 4)),
+            zeros,
+            zeros,
+            height,
+            height,
+            zeros,
+            zeros,
+            whole,
+            whole,
+            whole,
+            height,
+            height,
+        )
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:
         self._command[rows] = actuators

@@ -25,6 +25,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
+from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Lane, Mailbox, Transit
 from skyrange.kernel.traffic import Code, Traffic, acts, blamed
 from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
@@ -73,6 +74,7 @@ class Kernel:
         self._ports = sending_lanes(lanes)
         self._traffic = Traffic(lanes, observers)
         self._world = wiring.world
+        self._faults = FaultBench(wiring.attacks, wiring.world)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
         self._ended = False
@@ -181,10 +183,16 @@ class Kernel:
         assert world is not None
         for note in world.advance(now):
             self._note(now, "world", note)
+        faults = self._faults
+        if faults.present:
+            for label in faults.work(now, world):
+                self._traffic.label(label)
         for berth in self._berths:
             box = berth.box
             inbox = box.collect() if box.full and now % box.service_ns == 0 else EMPTY_INBOX
             sensors = world.sensors(berth.rows)
+            if faults.present:
+                sensors = faults.reaching(berth.rows, sensors)
             try:
                 berth.engine.begin(now, sensors, inbox)
             except Exception as error:

@@ -34,7 +34,8 @@ from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.onboard import links as vehicle_links
 from skyrange.vehicle.onboard import routes
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body, Wind, World
+from skyrange.world import Body, SensorSpec, Wind, World
+from skyrange.world.magnetism import field_at
 
 APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
 """A web service some tens of milliseconds away."""
@@ -136,15 +137,14 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
     blows_from = math.radians(scenario.wind.from_deg)
     speed = -scenario.wind.speed_mps  # the direction names where it comes from
     wind = Wind((speed * math.sin(blows_from), speed * math.cos(blows_from), 0.0))
-    world = World(bodies, wind=wind, city=city, chance=chance)
+    sensors = SensorSpec(scenario.sensors.noise, field_at(scenario.origin.datum), chance)
+    world = World(bodies, wind=wind, city=city, chance=chance, sensors=sensors)
     mounts = []
     for kind, members in specs.items():
         rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
         if len(members) == len(bodies):
             rows = slice(None)  # views instead of copies
-        engine = find(AUTOPILOTS, kind)(
-            kind, [spec for _, spec in members], scenario.origin.datum, scenario.epoch, chance
-        )
+        engine = find(AUTOPILOTS, kind)(kind, [spec for _, spec in members], datum, scenario.epoch, chance)
         mounts.append(EngineMount(engine, rows))
     return world, mounts
 

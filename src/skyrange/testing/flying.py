@@ -80,7 +80,8 @@ class Flight:
                 _check_untouched(given, kept)
                 if scramble:
                     for name in _ARRAYS:
-                        getattr(given, name).fill(np.nan)
+                        array = getattr(given, name)
+                        array.fill(np.nan if array.dtype.kind == "f" else -1)
             self.at += self.world.quantum_ns
         return self
 

@@ -23,6 +23,7 @@ from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
 from skyrange.world.collisions import Bodies, shape_row
 from skyrange.world.contacts import Contacts
+from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
 from skyrange.world.wind import CALM, Wind, faults_of
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ class World:
         wind: Wind = CALM,
         city: City | None = None,
         chance: Chance = _NO_CHANCE,
+        sensors: SensorSpec = IDEAL,
     ) -> None:
         """`chance` is where turbulence comes from. Raises InputError with every fault of the bodies at once."""
         _check(bodies, quantum_ns, wind, city)
@@ -108,6 +110,7 @@ class World:
         self._limit = np.zeros((n, MOTORS))
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
         self._contacts = Contacts(self.vehicles, city)
+        self._sensing = Sensing(sensors, self.vehicles, self._seen(), self._commands, self._power())
         self._bind()
         self._contacts.begin(self._bodies)
         self._discharge(0.0)
@@ -118,6 +121,14 @@ class World:
             self._flags[i, multirotor.ON_GROUND if standing else multirotor.ALOFT] = 1
             self._accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
             self._height[i] = body.up_m - self._floor[i]
+
+    def _seen(self) -> tuple[Floats, ...]:
+        """The arrays that sensors look at."""
+        return self._rates, self._accel, self._attitude, self._position, self._velocity, self._height
+
+    def _power(self) -> tuple[Floats, Floats]:
+        """Volts and amperes at the batteries' terminals."""
+        return self._battery_v, self._battery_a
 
     def _bind(self) -> None:
         """Make what points into the arrays: the kernel's arguments and the read-only views."""
@@ -156,17 +167,12 @@ class World:
             self._shape,
             self._airframe,
         )
-        seen = (self._rates, self._accel, self._attitude, self._position, self._velocity, self._height)
-        views = [array.view() for array in seen]
-        for view in views:
-            view.flags.writeable = False
-        self._readings = tuple(views)
-        self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
+        self._sensing.bind(self._seen(), self._commands, self._power())
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the views: copied arrays get views of their own."""
         state = self.__dict__.copy()
-        for key in ("_arguments", "_bodies", "_readings", "_by_slice"):
+        for key in ("_arguments", "_bodies"):
             del state[key]
         return state
 
@@ -184,15 +190,15 @@ class World:
         """
         if self._now is None:
             self._now = self._drawn = now
+            self._sensing.sample(now)
             return _NO_NOTES
         steps = (now - self._now) // self.quantum_ns
         if steps < 0:
             raise ValueError(f"world: asked to advance to {now} ns from {self._now} ns; time only runs forward")
-        if steps == 1:
-            return self._tick(self._now)
         notes: list[Note] = []
         for _ in range(steps):
             notes += self._tick(self._now)
+        self._sensing.sample(self._now)
         return notes
 
     def _tick(self, start: Time) -> Sequence[Note]:
@@ -259,22 +265,12 @@ class World:
         return notes
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        """Ideal sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
+        """The sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
 
         The accelerometer reads the mean specific force over the last quantum. The barometer reads the height of the
         gear over the origin, the rangefinder that over the ground or roof below.
         """
-        if isinstance(rows, slice):
-            key = (rows.start, rows.stop, rows.step)
-            known = self._by_slice.get(key)
-            if known is None:
-                known = self._by_slice[key] = self._read(rows)
-            return known
-        return self._read(rows)
-
-    def _read(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        gyro, accel, attitude, position, velocity, height = (reading[rows] for reading in self._readings)
-        return Sensors(gyro, accel, attitude, position, velocity, position[:, 2], height)
+        return self._sensing.read(rows)
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""

@@ -23,6 +23,8 @@ from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
 from skyrange.vehicle.builtin import commands, loop, mission_protocol, navigator, parameter_protocol, returning, targets
 from skyrange.vehicle.builtin.arming import disarm, idle_end
+from skyrange.vehicle.builtin.estimation import resets
+from skyrange.vehicle.builtin.estimation.estimator import Estimator
 from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Control, Flag, zeros
 from skyrange.vehicle.builtin.modes import Mode
@@ -89,6 +91,7 @@ class BuiltinFleet:
         self.ports = [craft.port for craft in crafts]
         self._by_port = {craft.port: craft for craft in crafts}
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
+        self._estimator = Estimator(count, origin)
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
         self._schedule = Schedule(np.array(phases, dtype=np.int64))
         for craft in crafts:
@@ -101,19 +104,12 @@ class BuiltinFleet:
         fleet = self._fleet
         fleet.now = tick
         fleet.outbox = Outbox()
-        loop.ideal_estimate(
-            sensors.gyro_radps,
-            sensors.accel_mps2,
-            sensors.attitude,
-            sensors.gnss_enu_m,
-            sensors.gnss_vel_enu_mps,
-            sensors.rangefinder_m,
-            fleet.estimate,
-        )
-        for arrival in inbox:
-            self._receive(arrival)
         dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
         self._last = tick
+        if self._estimator.update(tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], fleet.settings):
+            resets.tell(fleet, self._estimator.filters)
+        for arrival in inbox:
+            self._receive(arrival)
         if loop.turn(fleet.estimate, fleet.flight, fleet.settings, self._actuators, dt_s):
             self._act_on_flags()
         if tick % SERVICE_NS == 0:
