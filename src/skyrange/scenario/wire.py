@@ -137,7 +137,8 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
     blows_from = math.radians(scenario.wind.from_deg)
     speed = -scenario.wind.speed_mps  # the direction names where it comes from
     wind = Wind((speed * math.sin(blows_from), speed * math.cos(blows_from), 0.0))
-    sensors = SensorSpec(scenario.sensors.noise, field_at(scenario.origin.datum), chance)
+    datum = scenario.origin.datum
+    sensors = SensorSpec(scenario.sensors.noise, field_at(datum), chance)
     world = World(bodies, wind=wind, city=city, chance=chance, sensors=sensors)
     mounts = []
     for kind, members in specs.items():
