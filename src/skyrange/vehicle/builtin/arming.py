@@ -1,7 +1,7 @@
 """May the motors turn? Arming, disarming, and disarming by itself on the ground.
 
-After ArduCopter/AP_Arming_Copter.cpp (`arm`, `arm_checks`, `disarm`) and ArduCopter/motors.cpp `auto_disarm_check`. What
-is checked beforehand, and told while it fails, is in `prearm`.
+After ArduCopter/AP_Arming_Copter.cpp (`arm`, `arm_checks`, `disarm`) and ArduCopter/motors.cpp `auto_disarm_check`.
+What is checked beforehand, and told while it fails, is in `prearm`.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin.fence_zones import CIRCLE_IN, outside
+from skyrange.vehicle.builtin.fence_zones import outside
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
 
 
@@ -198,14 +198,14 @@ def troubles(fleet: Fleet, rows: NDArray[np.int64], located: NDArray[np.bool_]) 
     level = kinds & (Kind.CIRCLE | Kind.POLYGON) != 0
     margin, radius = value("FENCE_MARGIN"), value("FENCE_RADIUS")
     high, low = value("FENCE_ALT_MAX"), value("FENCE_ALT_MIN")
-    tight = np.zeros(len(rows), dtype=bool)
-    for place in np.flatnonzero(watched & (there & Kind.POLYGON != 0)).tolist():
-        zone = zones[rows[place]]
-        tight[place] = bool(np.any((zone["kind"] == CIRCLE_IN) & (zone["radius"] < margin[place])))
+    tightest = zones["tightest"][rows]
     return [
         (wanted & (there == 0), "Fences enabled, but none selected"),
         (watched & level & ~located, "Fence requires position"),
-        (watched & tight, "Polygon fence margin is greater than inclusion circle radius"),
+        (
+            watched & (there & Kind.POLYGON != 0) & (tightest > 0.0) & (tightest < margin),
+            "Polygon fence margin is greater than inclusion circle radius",
+        ),
         (watched & (radius < margin), "Circle FENCE_MARGIN is greater than FENCE_RADIUS"),
         (watched & (boundary["breached"][rows] != 0), _breaching(fleet)),
         (watched & (high < low), "FENCE_ALT_MAX < FENCE_ALT_MIN"),

@@ -136,6 +136,7 @@ def _store(fleet: Fleet, craft: Craft, items: list[Slot], causes: Causes) -> Non
     fleet.note("event.fence", craft, {"items": len(items)}, causes)
     zone = fleet.zones[craft.row]
     zone["count"] = 0
+    zone["tightest"] = min((item.param1 for item in items if item.command == _ROUND_IN), default=0.0)
     points = 0
     place = 0
     while place < len(items):

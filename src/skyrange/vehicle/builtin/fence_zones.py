@@ -25,6 +25,7 @@ CIRCLE_OUT: Final = 4
 ZONES: Final = np.dtype(
     [
         ("count", "i8"),  # zones
+        ("tightest", "f8"),  # m, radius of the smallest circle to stay in; 0 none
         ("kind", "i8", (MAX_ITEMS,)),  # by zone: one of the kinds above
         ("first", "i8", (MAX_ITEMS,)),  # its first point
         ("size", "i8", (MAX_ITEMS,)),  # and how many

@@ -184,13 +184,15 @@ _REQUIRED_RALLY = 32
 def _mission(fleet: Fleet, seen: View) -> list[Reason]:
     rows = seen.rows
     wanted = fleet.settings["ARMING_MIS_ITEMS"][rows].astype(np.int64)
-    missing = {row: _missing(fleet, row, int(bits)) for row, bits in zip(rows, wanted, strict=True) if bits}
-    lacks = np.array([bool(missing.get(row)) for row in rows], dtype=bool)
-    empty = np.array([not fleet.crafts[row].sees_mission for row in rows], dtype=bool)
-    return [
-        (seen.asked(Bit.MISSION) & lacks, lambda craft: missing[craft.row]),
-        (seen.needs_mission & empty, "Mode requires mission"),
-    ]
+    lacks, empty = np.zeros(rows.size, dtype=bool), np.zeros(rows.size, dtype=bool)
+    missing: dict[int, str] = {}
+    for place in np.flatnonzero(seen.asked(Bit.MISSION) & (wanted != 0)).tolist():
+        row = int(rows[place])
+        missing[row] = _missing(fleet, row, int(wanted[place]))
+        lacks[place] = bool(missing[row])
+    for place in np.flatnonzero(seen.needs_mission).tolist():
+        empty[place] = not fleet.crafts[rows[place]].sees_mission
+    return [(lacks, lambda craft: missing[craft.row]), (empty, "Mode requires mission")]
 
 
 def _missing(fleet: Fleet, row: int, bits: int) -> str:

@@ -1,7 +1,8 @@
 """When is the battery too low to go on, and what then? BATT_….
 
 After libraries/AP_BattMonitor (AP_BattMonitor_Backend.cpp `check_failsafe_types`, `update_failsafes`;
-AP_BattMonitor.cpp `check_failsafes`) and ArduCopter/events.cpp `handle_battery_failsafe`. Read at 10 Hz, as `update_batt_compass` does.
+AP_BattMonitor.cpp `check_failsafes`) and ArduCopter/events.cpp `handle_battery_failsafe`. Read at 10 Hz, as
+`update_batt_compass` does.
 """
 
 from __future__ import annotations
