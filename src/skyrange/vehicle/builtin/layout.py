@@ -118,6 +118,9 @@ FLIGHT: Final = np.dtype(
         ("land_accel", "f8", (3,)),
         ("land_s", "f8"),
         ("crash_s", "f8"),
+        # landing on a failsafe
+        ("pause_s", "f8"),  # hold the height for so long before the descent
+        ("blind", "i8"),  # without a position: level, drifting with the wind
     ]
 )
 
@@ -157,4 +160,15 @@ def zeros(dtype: np.dtype[Any], count: int) -> Records:
     rows = np.zeros(count, dtype=dtype)
     if dtype == ESTIMATE:
         rows["quat"][:, 0] = 1.0
+        healthy(rows)
     return rows
+
+
+def healthy(estimate: Records) -> None:
+    """What a good receiver, a settled estimator and a full battery say."""
+    estimate["status"] = 1 | 2 | 4 | 8 | 16 | 32 | 64 | 256 | 512
+    estimate["gnss_fix"] = 6
+    estimate["gnss_sats"] = 10
+    estimate["gnss_hdop"] = 1.21
+    estimate["battery_v"] = 12.6
+    estimate["compass"] = (0.0, 0.25, -0.4)
