@@ -46,7 +46,8 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
         return False
     row = craft.row
     flight = fleet.flight
-    craft.home = fleet.position(craft)
+    if not craft.home_locked:
+        craft.home = fleet.position(craft)
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
     flight["landed"][row] = 1

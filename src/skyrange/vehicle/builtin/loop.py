@@ -73,6 +73,12 @@ def ideal_estimate(
         e.pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
         e.yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         e.height = rangefinder[i]
+        for axis in range(3):
+            e.gnss_pos[axis] = position[i, axis]
+            e.gnss_vel[axis] = velocity[i, axis]
+            e.imu_accel[axis] = accel[i, axis]
+            e.compass[axis] = 0.0
+        e.baro_up = position[i, 2]
 
 
 @kernel
