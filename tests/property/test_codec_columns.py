@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrange.agent.payloads import Payloads
-from skyrange.codec.columns import dtype_of, pack, unpack
-from skyrange.codec.mavlink import Packer, decode
+from skyrange.codec.columns import dtype_of, message_ids, pack, unpack
+from skyrange.codec.mavlink import Packer, decode, message_id
 from skyrange.codec.wire import LAYOUTS
 
 
@@ -100,3 +100,10 @@ def test_a_column_of_payloads_is_taken_joined_and_compacted() -> None:
     assert part.compact().data.tobytes() == b"fabc"
     assert list(Payloads.join([part, Payloads.of([]), column])) == [b"f", b"abc", b"abc", b"", b"de", b"f"]
     assert len(Payloads.join([])) == 0
+
+
+@given(st.lists(st.one_of(st.binary(max_size=16), st.binary(max_size=14).map(b"\xfd".__add__)), max_size=5))
+@settings(deadline=None)
+def test_ids_in_columns_are_those_of_single_frames(payloads: list[bytes]) -> None:
+    found = message_ids(Payloads.of(payloads)).tolist()
+    assert [None if number < 0 else number for number in found] == [message_id(payload) for payload in payloads]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2
+from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, MIN_FRAME
 from skyrange.core.compiled import kernel
 
 Table = NDArray[Any]
@@ -25,6 +25,8 @@ _TYPES: Final = {
     "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8",
 }  # fmt: skip
 _MAGIC: Final = int(MAGIC_V2)
+_MAGIC_V1: Final = int(MAGIC_V1)
+_MIN_FRAME: Final = int(MIN_FRAME)
 _HEADER: Final = int(HEADER_V2)
 _CHECKSUM: Final = int(CHECKSUM)
 
@@ -152,6 +154,25 @@ def _sort(
         crc = crc >> 8 ^ int(crcs[(crc ^ extras[kind]) & 0xFF])
         if data[at + size - 2] == crc & 0xFF and data[at + size - 1] == crc >> 8:
             found[row] = kind
+
+
+@kernel
+def _ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
+    for row in range(starts.shape[0]):
+        at = starts[row]
+        found[row] = -1
+        if sizes[row] >= _MIN_FRAME:
+            if data[at] == _MAGIC and sizes[row] >= _HEADER + _CHECKSUM:
+                found[row] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
+            elif data[at] == _MAGIC_V1:
+                found[row] = data[at + 5]
+
+
+def message_ids(payloads: Payloads) -> Ints:
+    """(n,) the message ids in the headers, known or not; -1 where a payload cannot be a MAVLink frame."""
+    found = np.empty(len(payloads), dtype=np.int64)
+    _ids(payloads.data, payloads.starts, payloads.sizes, found)
+    return found
 
 
 @kernel

@@ -42,12 +42,19 @@ def boot_us(fleet: Fleet, rows: Ints) -> Ints:
     return since
 
 
-def whole(values: Floats, most: int, least: int | None = None) -> Floats:
-    """Numbers cut for an integer field, held between its ends (−`most` unless `least` is given); no number is 0."""
-    held: Floats = np.trunc(np.clip(values, -most if least is None else least, most))
-    if np.isnan(held).any():
-        held = np.nan_to_num(held)
-    return held
+def held(values: Floats, most: int, least: int | None = None) -> Floats:
+    """Numbers held between the ends of an integer field (−`most` unless `least` is given), which cuts their fractions.
+
+    What is no number ends up at an end: `known` keeps such out.
+    """
+    inside: Floats = np.fmin(np.fmax(values, -most if least is None else least), most)
+    return inside
+
+
+def known(values: Floats) -> Floats:
+    """The same numbers, 0 where there is none yet."""
+    found: Floats = np.where(np.isfinite(values), values, 0.0)
+    return found
 
 
 def of_crafts(fleet: Fleet, rows: Ints, read: Callable[[Any], Any], dtype: str = "i8") -> NDArray[Any]:
@@ -78,19 +85,14 @@ def _cdeg(degrees: Floats) -> Ints:
 
 
 def place_e7(fleet: Fleet, east: Floats, north: Floats) -> tuple[Ints, Ints]:
-    """Latitude and longitude in 1e-7 degrees; 0 where the position is no number."""
+    """Latitude and longitude in 1e-7 degrees."""
     lat, lon = fleet.origin.to_geodetic(east, north)
-    return _e7(lat), _e7(lon)
-
-
-def _e7(degrees: Floats) -> Ints:
-    found: Ints = np.rint(np.nan_to_num(degrees * 1e7)).astype(np.int64)
-    return found
+    return np.rint(lat * 1e7).astype(np.int64), np.rint(lon * 1e7).astype(np.int64)
 
 
 def msl_mm(fleet: Fleet, up: Floats) -> Floats:
     """Altitude above mean sea level in millimetres, of a height above the origin."""
-    return whole((fleet.origin.alt_msl_m + up) * 1e3, I32)
+    return held((fleet.origin.alt_msl_m + up) * 1e3, I32)
 
 
 def homes(fleet: Fleet, rows: Ints) -> Floats:

@@ -19,10 +19,12 @@ from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.telemetry import columns
-from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, Floats, whole
+from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, Floats, held
 
 POSITION_KNOWN: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
-_TO_PLACE: Final = (int(Control.LEG), int(Control.POSITION))
+_LEG: Final = int(Control.LEG)
+_POSITION_CONTROL: Final = int(Control.POSITION)
+_TAKEOFF: Final = int(Control.TAKEOFF)
 # POSITION_TARGET_TYPEMASK bits to ignore
 _POSITION: Final = 0b111
 _VELOCITY: Final = 0b111000
@@ -66,11 +68,11 @@ def attitude_quaternion(fleet: Fleet, rows: Ints, out: Table) -> None:
 def ahrs2(fleet: Fleet, rows: Ints, out: Table) -> None:
     """AHRS2: the second opinion. Attitude is the estimator's own, position is the receiver's, as of ArduPilot's DCM."""
     e = fleet.estimate
-    place = e["gnss_pos"][rows]
+    place = columns.known(e["gnss_pos"][rows])
     out["roll"] = e["roll"][rows]
     out["pitch"] = -e["pitch"][rows]
     out["yaw"] = columns.heading_rad(e["yaw"][rows])
-    out["altitude"] = np.nan_to_num(fleet.origin.alt_msl_m + place[:, 2])
+    out["altitude"] = fleet.origin.alt_msl_m + place[:, 2]
     out["lat"], out["lng"] = columns.place_e7(fleet, place[:, 0], place[:, 1])
 
 
@@ -96,21 +98,21 @@ def global_position_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
     out["alt"] = columns.msl_mm(fleet, pos[:, 2])
-    out["relative_alt"] = whole((pos[:, 2] - columns.homes(fleet, rows)[:, 2]) * 1e3, I32)
-    out["vx"] = whole(vel[:, 1] * 100.0, I16)
-    out["vy"] = whole(vel[:, 0] * 100.0, I16)
-    out["vz"] = whole(vel[:, 2] * -100.0, I16)
+    out["relative_alt"] = held((pos[:, 2] - columns.homes(fleet, rows)[:, 2]) * 1e3, I32)
+    out["vx"] = held(vel[:, 1] * 100.0, I16)
+    out["vy"] = held(vel[:, 0] * 100.0, I16)
+    out["vz"] = held(vel[:, 2] * -100.0, I16)
     out["hdg"] = columns.heading_cdeg(e["yaw"][rows])
 
 
 def vfr_hud(fleet: Fleet, rows: Ints, out: Table) -> None:
     """VFR_HUD; without an airspeed sensor `airspeed` is the receiver's ground speed."""
     e, f = fleet.estimate, fleet.flight
-    vel, seen = e["vel"][rows], e["gnss_vel"][rows]
-    out["airspeed"] = np.nan_to_num(np.hypot(seen[:, 0], seen[:, 1]))
+    vel, seen = e["vel"][rows], columns.known(e["gnss_vel"][rows])
+    out["airspeed"] = np.hypot(seen[:, 0], seen[:, 1])
     out["groundspeed"] = np.hypot(vel[:, 0], vel[:, 1])
     out["heading"] = columns.heading_cdeg(e["yaw"][rows]) // 100
-    out["throttle"] = np.where(f["armed"][rows] == 1, whole(f["throttle"][rows] * 100.0, 100, 0), 0)
+    out["throttle"] = np.where(f["armed"][rows] == 1, held(f["throttle"][rows] * 100.0, 100, 0), 0)
     out["alt"] = fleet.origin.alt_msl_m + e["pos"][rows, 2]
     out["climb"] = vel[:, 2]
 
@@ -152,7 +154,7 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     """NAV_CONTROLLER_OUTPUT: attitude and heading, distance and bearing of the target, errors of height and track."""
     e, f = fleet.estimate, fleet.flight
     flying = f["landed"][rows] == 0
-    going = np.isin(f["control"][rows], _TO_PLACE)
+    going = has_place(fleet, rows)
     away = f["target_pos"][rows] - e["pos"][rows]
     behind = f["ref_pos"][rows] - e["pos"][rows]
     along = f["ref_vel"][rows, :2]
@@ -160,10 +162,10 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
     out["nav_roll"] = np.degrees(e["roll"][rows])
     out["nav_pitch"] = -np.degrees(e["pitch"][rows])
-    out["nav_bearing"] = whole(np.degrees(columns.heading_rad(f["ref_yaw"][rows])), 180)
+    out["nav_bearing"] = held(np.degrees(columns.heading_rad(f["ref_yaw"][rows])), 180)
     bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
-    out["target_bearing"] = np.where(going, whole(bearing, 180), 0)
-    out["wp_dist"] = np.where(going, whole(np.hypot(away[:, 0], away[:, 1]), U16), 0)
+    out["target_bearing"] = np.where(going, held(bearing, 180), 0)
+    out["wp_dist"] = np.where(going, held(np.hypot(away[:, 0], away[:, 1]), U16), 0)
     out["alt_error"] = np.where(flying, behind[:, 2], 0.0)
     out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
 
@@ -180,13 +182,15 @@ def position_target_global_int(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 def has_place(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     """Whether it flies to a place (`get_wp` of the mode)."""
-    return np.isin(fleet.flight["control"][rows], _TO_PLACE)
+    control = fleet.flight["control"][rows]
+    to_place: NDArray[np.bool_] = (control == _LEG) | (control == _POSITION_CONTROL)
+    return to_place
 
 
 def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
     """POSITION_TARGET_LOCAL_NED of GUIDED: a place, a moving place, or a velocity."""
     f = fleet.flight
-    to_place = np.isin(f["control"][rows], (*_TO_PLACE, int(Control.TAKEOFF)))
+    to_place = has_place(fleet, rows) | (f["control"][rows] == _TAKEOFF)
     place, vel = f["target_pos"][rows], f["target_vel"][rows]
     moving = to_place & (vel != 0.0).any(axis=1)
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)

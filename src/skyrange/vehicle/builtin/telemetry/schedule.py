@@ -118,8 +118,5 @@ class Schedule:
         if not batches:
             return
         systems = fleet.systems
-        payloads = iter(pack([(b.message_id, b.values, systems[b.rows], b.sequences) for b in batches], COMPONENT))
-        crafts, outbox = fleet.crafts, fleet.outbox
-        for batch in batches:
-            for row in batch.rows.tolist():
-                outbox.send(crafts[row].port, next(payloads))
+        payloads = pack([(b.message_id, b.values, systems[b.rows], b.sequences) for b in batches], COMPONENT)
+        fleet.outbox.send_block(np.concatenate([batch.rows for batch in batches]), payloads)

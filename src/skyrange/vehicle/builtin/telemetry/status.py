@@ -20,15 +20,15 @@ from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import INDEX
 from skyrange.vehicle.builtin.telemetry import columns
-from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, of_crafts, whole
+from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, of_crafts, held
 
 FIRMWARE: Final = 4 << 24 | 6 << 16 | 0 << 8 | 0
 """AUTOPILOT_VERSION.flight_sw_version: ArduCopter 4.6.0-dev, whose names and behaviour this follows."""
-_MANUAL: Final = (0, 1, 2)
-"""STABILIZE, ACRO and ALT_HOLD: modes that do not hold a horizontal position."""
-_BY_HAND: Final = (0, 1)
-"""... nor a height."""
-_ON_MISSION: Final = (int(Mode.AUTO),)
+_LAST_MANUAL: Final = 2
+"""STABILIZE 0, ACRO 1 and ALT_HOLD 2 do not hold a horizontal position; of the modes here all others do."""
+_LAST_BY_HAND: Final = 1
+"""STABILIZE and ACRO do not hold a height either."""
+_AUTO: Final = int(Mode.AUTO)
 _BOARD_MV: Final = 5000
 _MEMORY: Final = 131_072
 """Bytes free, as ArduPilot's simulation says."""
@@ -83,7 +83,7 @@ def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
         | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
         | dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     )
-    guided = np.where(np.isin(modes, _MANUAL), 0, dialect.MAV_MODE_FLAG_GUIDED_ENABLED)
+    guided = np.where(modes <= _LAST_MANUAL, 0, dialect.MAV_MODE_FLAG_GUIDED_ENABLED)
     armed = fleet.flight["armed"][rows] * dialect.MAV_MODE_FLAG_SAFETY_ARMED
     watch = fleet.watch
     failsafe = (
@@ -112,7 +112,7 @@ def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     fix, has_battery = e["gnss_fix"][rows], has_battery_monitor(fleet, rows)
     received = (fix >= dialect.GPS_FIX_TYPE_3D_FIX) & (e["gnss_age_s"][rows] < _FRESH_S)
     fitting = ~((e["vel_ratio"][rows] > 1.0) & (e["pos_ratio"][rows] > 1.0) & (e["hgt_ratio"][rows] > 1.0))
-    place, height = ~np.isin(modes, _MANUAL), ~np.isin(modes, _BY_HAND)
+    place, height = modes > _LAST_MANUAL, modes > _LAST_BY_HAND
     fenced = fence["enabled"][rows] != 0
     checked = _given(fleet, rows, "ARMING_CHECK") != 0 if "ARMING_CHECK" in INDEX else np.ones(len(rows), dtype=bool)
     ready = (fleet.flight["armed"][rows] == 1) | (fleet.watch["prearm_ok"][rows] != 0)
@@ -129,9 +129,9 @@ def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["onboard_control_sensors_enabled"] = enabled
     out["onboard_control_sensors_health"] = healthy
     out["load"] = 250  # ‰: a flight controller's main loop is a quarter busy
-    out["voltage_battery"] = np.where(has_battery, whole(power["voltage"][rows] * 1e3, U16, 0), 0)
-    out["current_battery"] = np.where(has_battery, whole(power["current"][rows] * 100.0, I16), -1)
-    out["battery_remaining"] = np.where(has_battery, np.clip(power["remaining_pct"][rows], -1, 100), -1)
+    out["voltage_battery"] = np.where(has_battery, held(power["voltage"][rows] * 1e3, U16, 0), 0)
+    out["current_battery"] = np.where(has_battery, held(power["current"][rows] * 100.0, I16), -1)
+    out["battery_remaining"] = np.where(has_battery, np.minimum(power["remaining_pct"][rows], 100), -1)
 
 
 def has_battery_monitor(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
@@ -143,15 +143,15 @@ def has_battery_monitor(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 def battery_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     """BATTERY_STATUS: the pack's voltage stands in the first cell, as of a monitor that sees no cells."""
     power = fleet.power
-    volts = whole(power["voltage"][rows] * 1e3, U16 - 1, 0)
+    volts = held(power["voltage"][rows] * 1e3, U16 - 1, 0)
     out["voltages"] = U16
     out["voltages"][:, 0] = np.where(volts > 0, volts, U16)
     out["temperature"] = I16
-    out["current_battery"] = whole(power["current"][rows] * 100.0, I16)
-    out["current_consumed"] = whole(power["consumed_mah"][rows], I32)
-    out["energy_consumed"] = whole(power["consumed_wh"][rows] * 36.0, I32)
-    out["battery_remaining"] = np.clip(power["remaining_pct"][rows], -1, 100)
-    out["charge_state"] = _CHARGE[np.clip(power["level"][rows], 0, 3)]
+    out["current_battery"] = held(power["current"][rows] * 100.0, I16)
+    out["current_consumed"] = held(power["consumed_mah"][rows], I32)
+    out["energy_consumed"] = held(power["consumed_wh"][rows] * 36.0, I32)
+    out["battery_remaining"] = np.minimum(power["remaining_pct"][rows], 100)
+    out["charge_state"] = _CHARGE[power["level"][rows]]
 
 
 _CHARGE: Final = np.array(
@@ -224,11 +224,20 @@ def has_fence(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 def extended_sys_state(fleet: Fleet, rows: Ints, out: Table) -> None:
     """EXTENDED_SYS_STATE."""
     control = fleet.flight["control"][rows]
-    out["landed_state"] = np.select(
-        [fleet.flight["landed"][rows] == 1, control == Control.LAND, control == Control.TAKEOFF],
-        [dialect.MAV_LANDED_STATE_ON_GROUND, dialect.MAV_LANDED_STATE_LANDING, dialect.MAV_LANDED_STATE_TAKEOFF],
-        dialect.MAV_LANDED_STATE_IN_AIR,
-    )
+    state = _LANDED_STATE[control]
+    out["landed_state"] = np.where(fleet.flight["landed"][rows] == 1, dialect.MAV_LANDED_STATE_ON_GROUND, state)
+
+
+_LANDED_STATE: Final = np.array(
+    [
+        {
+            Control.LAND: dialect.MAV_LANDED_STATE_LANDING,
+            Control.TAKEOFF: dialect.MAV_LANDED_STATE_TAKEOFF,
+        }.get(control, dialect.MAV_LANDED_STATE_IN_AIR)
+        for control in Control
+    ]
+)
+"""By `Control`, in flight."""
 
 
 def autopilot_version(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -244,7 +253,7 @@ def mission_current(fleet: Fleet, rows: Ints, out: Table) -> None:
     told = of_crafts(fleet, rows, _mission).reshape(len(rows), 4)
     out["seq"], out["total"] = told[:, 0], told[:, 1]
     out["mission_state"] = told[:, 2]
-    out["mission_mode"] = np.isin(told[:, 3], _ON_MISSION)
+    out["mission_mode"] = told[:, 3] == _AUTO
 
 
 def _mission(craft: Any) -> tuple[int, int, int, int]:
