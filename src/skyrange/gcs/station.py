@@ -47,7 +47,7 @@ class GroundStation:
         self.operator = operator
         self.service_ns = service_ns
         approval = Port(self.name, link_name("approval", operator))
-        wanted = tuple(PROFILES[streams].items())
+        wanted = PROFILES[streams]
         self._pilots = [
             Pilot(flight, Port(self.name, link_name("gcs", flight.vehicle)), approval, epoch, wanted)
             for flight in flights

@@ -20,7 +20,7 @@ from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import INDEX
 from skyrange.vehicle.builtin.telemetry import columns
-from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, of_crafts, held
+from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, held, of_crafts
 
 FIRMWARE: Final = 4 << 24 | 6 << 16 | 0 << 8 | 0
 """AUTOPILOT_VERSION.flight_sw_version: ArduCopter 4.6.0-dev, whose names and behaviour this follows."""
