@@ -204,9 +204,8 @@ def test_the_operators_streams() -> None:
         assert seen[kind] == pytest.approx(rate * 10, abs=1), kind
     per_second = sum(seen.values()) / 10
     size = sum(len(payload) for payload in r.frames[V][frames:]) / 10
-    print(per_second, size)
     assert 80 <= per_second <= 100
-    assert 2_800 <= size <= 4_500
+    assert 2_400 <= size <= 4_000  # more in flight and with noise, which leaves fewer zeros to cut
 
 
 def test_an_aircrafts_frames_keep_order_and_numbers() -> None:

@@ -125,35 +125,41 @@ def pack(batches: list[tuple[int, Table, Ints, Ints]], component: int) -> Payloa
 
 
 @kernel
+def kind_at(data: Bytes, at: int, size: int, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16]) -> int:
+    """The kind of the frame in `size` bytes from `at` on; the last three are `TABLES`.
+
+    -1 where the bytes are not one whole, valid, unsigned MAVLink 2 frame.
+    """
+    if size < _HEADER + _CHECKSUM or data[at] != _MAGIC:
+        return -1
+    length = np.int64(data[at + 1])
+    if size != _HEADER + length + _CHECKSUM or data[at + 2] != 0:
+        return -1
+    number = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
+    if number >= kinds.shape[0] or kinds[number] < 0:
+        return -1
+    kind = np.int64(kinds[number])
+    crc = np.int64(0xFFFF)
+    for place in range(at + 1, at + _HEADER + length):
+        crc = crc >> 8 ^ np.int64(crcs[(crc ^ np.int64(data[place])) & 0xFF])
+    crc = crc >> 8 ^ np.int64(crcs[(crc ^ extras[kind]) & 0xFF])
+    if data[at + size - 2] == crc & 0xFF and data[at + size - 1] == crc >> 8:
+        return int(kind)
+    return -1
+
+
+TABLES: Final = (_KIND, _EXTRA, _CRC)
+"""What `kind_at` needs besides the frame."""
+
+
+@kernel
 def _sort(
-    data: Bytes,
-    starts: Ints,
-    sizes: Ints,
-    kinds: NDArray[np.int32],
-    extras: Ints,
-    crcs: NDArray[np.uint16],
+    data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
     found: Ints,
-) -> None:
-    """Write each frame's kind to `found`, -1 where it is not one whole, valid, unsigned MAVLink 2 frame."""
+) -> None:  # fmt: skip
+    """Write each frame's kind to `found`."""
     for row in range(starts.shape[0]):
-        at = starts[row]
-        size = sizes[row]
-        found[row] = -1
-        if size < _HEADER + _CHECKSUM or data[at] != _MAGIC:
-            continue
-        length = int(data[at + 1])
-        if size != _HEADER + length + _CHECKSUM or data[at + 2] != 0:
-            continue
-        number = int(data[at + 7]) | int(data[at + 8]) << 8 | int(data[at + 9]) << 16
-        if number >= kinds.shape[0] or kinds[number] < 0:
-            continue
-        kind = int(kinds[number])
-        crc = 0xFFFF
-        for place in range(at + 1, at + _HEADER + length):
-            crc = crc >> 8 ^ int(crcs[(crc ^ int(data[place])) & 0xFF])
-        crc = crc >> 8 ^ int(crcs[(crc ^ extras[kind]) & 0xFF])
-        if data[at + size - 2] == crc & 0xFF and data[at + size - 1] == crc >> 8:
-            found[row] = kind
+        found[row] = kind_at(data, starts[row], sizes[row], kinds, extras, crcs)
 
 
 @kernel
@@ -202,11 +208,45 @@ class Group(NamedTuple):
     values: Table
 
 
+class Cell(NamedTuple):
+    """One column of a message as tables have it: a scalar field, a text, or one element of an array."""
+
+    name: str
+    """The field's name, `name[i]` for an element."""
+    field: str
+    element: int | None
+    kind: str
+    """ "int", "float" or "text"."""
+
+
+@cache
+def cells_of(message_id: int) -> tuple[Cell, ...]:
+    """The columns of a message, in its own order."""
+    cells: list[Cell] = []
+    dtype = dtype_of(message_id)
+    for name in LAYOUTS[message_id].cls.fieldnames:
+        sub = dtype[name]
+        kind = {"S": "text", "f": "float"}.get(sub.base.kind, "int")
+        if sub.shape:
+            cells += [Cell(f"{name}[{place}]", name, place, kind) for place in range(sub.shape[0])]
+        else:
+            cells.append(Cell(name, name, None, kind))
+    return tuple(cells)
+
+
 def sort(payloads: Payloads) -> Ints:
     """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can tell what it is, if anything."""
     found = np.empty(len(payloads), dtype=np.int64)
-    _sort(payloads.data, payloads.starts, payloads.sizes, _KIND, _EXTRA, _CRC, found)
+    _sort(payloads.data, payloads.starts, payloads.sizes, *TABLES, found)
     return found
+
+
+def kind_of(message_id: int) -> int:
+    """The kind of a message id of the dialect."""
+    return int(_KIND[message_id])
+
+
+KINDS: Final = len(_IDS)
 
 
 def id_of_kind(kind: int) -> int:

@@ -202,15 +202,15 @@ def vibration(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def fence_status(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """FENCE_STATUS."""
+    """FENCE_STATUS: of several kinds breached, the boundary counts most (`send_fence_status`)."""
     fence = fleet.boundary
     breached = fence["breached"][rows]
     out["breach_status"] = breached != 0
     out["breach_count"] = np.minimum(fence["count"][rows], U16)
-    kind = np.where(breached & 6, dialect.FENCE_BREACH_BOUNDARY, dialect.FENCE_BREACH_NONE)
+    kind = np.where(breached & 8, dialect.FENCE_BREACH_MINALT, dialect.FENCE_BREACH_NONE)
     kind = np.where(breached & 1, dialect.FENCE_BREACH_MAXALT, kind)
-    kind = np.where(breached & 8, dialect.FENCE_BREACH_MINALT, kind)
-    out["breach_type"] = kind
+    out["breach_type"] = np.where(breached & 6, dialect.FENCE_BREACH_BOUNDARY, kind)
+    out["breach_mitigation"] = dialect.FENCE_MITIGATE_NONE
     since = np.maximum(fence["breach_ns"][rows] - fleet.boot_ns[rows], 0)
     out["breach_time"] = np.where(fence["breach_ns"][rows] > 0, since // NS_PER_MS & 0xFFFFFFFF, 0)
 
