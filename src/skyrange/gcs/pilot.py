@@ -23,6 +23,7 @@ from skyrange.gcs.flights import Flight, Outcome
 from skyrange.gcs.guide import Guide
 from skyrange.gcs.lifecycle import ARMED, CARRYING, OVER, Event, State, after
 from skyrange.gcs.routes import estimated_duration_s
+from skyrange.gcs.streams import Profile, requests
 from skyrange.gcs.transfer import Download, Transfer, Upload
 from skyrange.gcs.wire_items import wire_items
 from skyrange.utm.messages import DecisionBody
@@ -60,7 +61,7 @@ class Pilot:
     port: Port
     approval_port: Port
     epoch: Epoch
-    streams: tuple[tuple[int, float], ...]
+    streams: Profile
     belief: Belief
     state: State = State.PLANNED
     outcome: Outcome | None = None
@@ -260,7 +261,9 @@ class Pilot:
             self.belief.set("farthest_item", 0)
         elif state in OVER:
             self._over(now, out, causes)
-        commands = scripts.commands(state, plan, self.streams)
+        if state is State.STREAMING:
+            self._say(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, causes)
+        commands = scripts.commands(state, plan, self.streams.messages)
         if commands and self.state is state:
             self.todo = list(commands)
             self._next_command(now, out, causes)
@@ -364,7 +367,8 @@ class Pilot:
             told_ns = belief.position_ns if self.guide else min(belief.position_ns, belief.item_ns)
             if now - told_ns > STALE_NS:
                 self._told_now(now)  # not again before they are stale again
-                self.todo = list(scripts.stream_commands(self.streams))
+                self._say(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, ())
+                self.todo = list(scripts.stream_commands(self.streams.messages))
                 self._next_command(now, out, ())
 
     def _depart_ns(self) -> Time:

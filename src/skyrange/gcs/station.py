@@ -54,7 +54,7 @@ class GroundStation:
         self.operator = operator
         self.service_ns = service_ns
         approval = Port(self.name, link_name("approval", operator))
-        wanted = tuple(PROFILES[streams].items())
+        wanted = PROFILES[streams]
         self._beliefs = Beliefs(len(flights))
         self._pilots = [
             Pilot(
