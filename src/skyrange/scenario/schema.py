@@ -13,13 +13,15 @@ from skyrange.core.errors import Fault
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
 from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
-from skyrange.scenario.fleet import Operator, Start, Vehicle, named
+from skyrange.scenario.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.links import Link, channel
+from skyrange.scenario.operators import Operator, named
 from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
 from skyrange.scenario.whole import whole_faults
 
 __all__ = [
     "City",
+    "Fleet",
     "Grid",
     "Link",
     "Operator",
@@ -132,7 +134,7 @@ def _utc(moment: datetime) -> datetime:
 
 
 class Scenario(Model):
-    """A whole scenario. Once built, every id, colour and system id is filled in."""
+    """A whole scenario. Once built, every id, colour and system id is filled in, and fleets are vehicles."""
 
     name: str = Field(
         default="scenario", min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$",

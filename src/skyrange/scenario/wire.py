@@ -74,12 +74,13 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
             Flight(
                 vehicle=vehicle_id(operator.id, vehicle.id),
                 system_id=vehicle.system_id,
+                network=vehicle.network,
                 plan=plans[vehicle_id(operator.id, vehicle.id)],
                 depart_s=vehicle.depart_s,
             )
             for vehicle in operator.vehicles
         ]
-        agents.append(GroundStation(operator.id, flights, epoch))
+        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams))
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
@@ -127,6 +128,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
         spec = VehicleSpec(
             vehicle=key,
             system_id=vehicle.system_id,
+            network=vehicle.network,
             airframe=vehicle.airframe,
             home_enu_m=(start.east_m, start.north_m, 0.0),
             heading_deg=start.heading_deg,
@@ -188,6 +190,7 @@ def _header(
                 "color": colors[operator.id],
                 "autopilot": vehicle.autopilot,
                 "airframe": vehicle.airframe,
+                "network": vehicle.network,
                 "system_id": vehicle.system_id,
                 "home_enu_m": [vehicle.start.east_m, vehicle.start.north_m, 0.0],
                 "plan": plans[vehicle_id(operator.id, vehicle.id)].name,
