@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.world import AIRFRAMES, Body, World
+from skyrange.world import AIRFRAMES, Body, Wind, World
 
 QUANTUM_NS = 2_500_000
 IRIS = AIRFRAMES["iris"]
@@ -187,7 +187,7 @@ def test_bad_bodies_are_refused_all_at_once():
         Body("blue/b1", "iris", math.nan, 0.0, -1.0, math.inf),
     ]
     with pytest.raises(InputError) as caught:
-        World(bodies, quantum_ns=0, wind_enu_mps=(0.0, math.nan, 0.0))
+        World(bodies, quantum_ns=0, wind=Wind((0.0, math.nan, 0.0)))
     text = str(caught.value)
     for part in ("'irris'", "Did you mean 'iris'?", "vehicle", "east_m", "up_m", "heading_deg", "quantum_ns", "wind"):
         assert part in text

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.world import AIRFRAMES, Body, World
+from skyrange.world import AIRFRAMES, Body, Wind, World
 
 QUANTUM_NS = 2_500_000
 IRIS = AIRFRAMES["iris"]
 
 
 def _world(up_m: float = 0.0, wind=(0.0, 0.0, 0.0)) -> World:
-    world = World([Body("blue/b1", "iris", 3.0, -4.0, up_m)], wind_enu_mps=wind)
+    world = World([Body("blue/b1", "iris", 3.0, -4.0, up_m)], wind=Wind(wind))
     world.advance(0)
     return world
 

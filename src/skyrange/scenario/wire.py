@@ -34,7 +34,7 @@ from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.onboard import links as vehicle_links
 from skyrange.vehicle.onboard import routes
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body, World
+from skyrange.world import Body, Wind, World
 
 APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
 """A web service some tens of milliseconds away."""
@@ -137,8 +137,8 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
     blows_from = math.radians(scenario.wind.from_deg)
     speed = -scenario.wind.speed_mps  # the direction names where it comes from
-    wind = (speed * math.sin(blows_from), speed * math.cos(blows_from), 0.0)
-    world = World(bodies, wind_enu_mps=wind, city=city)
+    wind = Wind((speed * math.sin(blows_from), speed * math.cos(blows_from), 0.0))
+    world = World(bodies, wind=wind, city=city, chance=chance)
     mounts = []
     for kind, members in specs.items():
         rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from skyrange.world.airframes import AIRFRAMES, Airframe, Rotor
+from skyrange.world.wind import Wind
 
 if TYPE_CHECKING:
     from skyrange.world.world import Body, World
 
-__all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "World"]
+__all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "Wind", "World"]
 
 
 def __getattr__(name: str) -> object:

@@ -15,16 +15,19 @@ from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Floats, Sensors
 from skyrange.agent.messages import Note
+from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import multirotor
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
+from skyrange.world.wind import CALM, Wind, faults_of
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
 
 DEFAULT_QUANTUM_NS: Time = 2_500_000
 _NO_NOTES: tuple[Note, ...] = ()
+_NO_CHANCE = Chance(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +35,7 @@ class Body:
     """One aircraft and where it stands at the start.
 
     `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors
-    off. `heading_deg` is clockwise from north.
+    off. `heading_deg` is clockwise from north; `charge` is the battery's, 0 to 1.
     """
 
     vehicle: str
@@ -41,6 +44,7 @@ class Body:
     north_m: float
     up_m: float = 0.0
     heading_deg: float = 0.0
+    charge: float = 1.0
 
 
 class World:
@@ -54,11 +58,12 @@ class World:
         self,
         bodies: Sequence[Body],
         quantum_ns: Time = DEFAULT_QUANTUM_NS,
-        wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        wind: Wind = CALM,
         city: City | None = None,
+        chance: Chance = _NO_CHANCE,
     ) -> None:
-        """`wind_enu_mps` is the air's velocity. Raises InputError with every fault of the bodies at once."""
-        _check(bodies, quantum_ns, wind_enu_mps)
+        """`chance` is where turbulence comes from. Raises InputError with every fault of the bodies at once."""
+        _check(bodies, quantum_ns, wind)
         n = len(bodies)
         names = sorted({body.airframe for body in bodies})
         step_s = quantum_ns / NS_PER_S
@@ -70,7 +75,7 @@ class World:
         self._step_s = step_s
         self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name], step_s) for name in names])
         self._airframe = np.array([names.index(body.airframe) for body in bodies], dtype=np.int64)
-        self._wind = np.array(wind_enu_mps, dtype=np.float64)
+        self._wind = np.array(wind.steady_enu_mps, dtype=np.float64)
         self._position = np.array([(b.east_m, b.north_m, b.up_m) for b in bodies], dtype=np.float64)
         self._velocity = np.zeros((n, 3))
         self._attitude = np.zeros((n, 4))
@@ -197,7 +202,7 @@ class World:
         return columns
 
 
-def _check(bodies: Sequence[Body], quantum_ns: Time, wind_enu_mps: Sequence[float]) -> None:
+def _check(bodies: Sequence[Body], quantum_ns: Time, wind: Wind) -> None:
     """Raise one InputError with all faults of a world's arguments."""
     faults = []
     seen: set[str] = set()
@@ -218,13 +223,14 @@ def _check(bodies: Sequence[Body], quantum_ns: Time, wind_enu_mps: Sequence[floa
             value = getattr(body, name)
             if not math.isfinite(value):
                 faults.append(Fault(f"{body.vehicle}.{name}", repr(value), "a finite number"))
+        if not 0.0 <= body.charge <= 1.0:
+            faults.append(Fault(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
         if body.up_m < 0.0:
             faults.append(Fault(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
     if not bodies:
         faults.append(Fault("bodies", "none", "at least one aircraft"))
     if quantum_ns <= 0:
         faults.append(Fault("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
-    if len(wind_enu_mps) != 3 or not all(map(math.isfinite, wind_enu_mps)):
-        faults.append(Fault("wind_enu_mps", repr(wind_enu_mps), "three finite numbers in m/s"))
+    faults += faults_of(wind)
     if faults:
         raise InputError("world", faults)
