@@ -59,9 +59,14 @@ class Neighbours:
         """Whether the path, shifted so, comes within `APART_M` of one of them."""
         shift = (east_m, north_m)
         return any(
-            index.query(shapely.linestrings(leg + shift), predicate="dwithin", distance=APART_M).size
+            index.query(_seen(leg + shift), predicate="dwithin", distance=APART_M).size
             for index, leg in self._indices
         )
+
+
+def _seen(leg: NDArray[np.float64]) -> Any:
+    """A leg from above: one straight up is a point, since GEOS finds no distance to a line without length."""
+    return shapely.points(leg[0]) if (leg[0] == leg[1]).all() else shapely.linestrings(leg)
 
 
 def _ends(path: Sequence[Point]) -> NDArray[np.float64]:
@@ -74,4 +79,5 @@ def _legs(path: Sequence[Point]) -> _Legs:
     """Each leg seen from above, and its least and greatest height."""
     pairs = list(pairwise(path)) or [(path[0], path[0])]
     heights_m = np.array([[a[2], b[2]] for a, b in pairs])
-    return shapely.linestrings(_ends(path)), heights_m.min(axis=1), heights_m.max(axis=1)
+    lines = np.array([_seen(leg) for leg in _ends(path)], dtype=object)
+    return lines, heights_m.min(axis=1), heights_m.max(axis=1)

@@ -78,6 +78,7 @@ Params = dict[Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")], Number]
 Departs = Annotated[
     Number, Field(ge=0, le=LATEST_S, description="Not to take off before this simulated time, in seconds.")
 ]
+Charge = Annotated[Number, Field(ge=0, le=1, description="How full its battery is at first, from 0 to 1.")]
 AnyStart = Annotated[Start, BeforeValidator(_start, json_schema_input_type=Start | list[float])]
 
 
@@ -112,6 +113,7 @@ class Vehicle(Model):
         description="Autopilot parameters to set, by ArduPilot's names and in its units; over the operator's.",
     )
     depart_s: Departs = 0.0
+    charge: Charge = 1.0
     network: Whole = Field(
         default=-1,
         ge=0,
@@ -154,6 +156,7 @@ class Fleet(Model):
         description="Autopilot parameters to set, by ArduPilot's names and in its units; over the operator's.",
     )
     depart_s: Departs = 0.0
+    charge: Charge = 1.0
     every_s: Number = Field(
         default=0.0, ge=0, le=3600, description="Seconds from one departure to the next, in the order of their ids."
     )
@@ -194,7 +197,7 @@ class Fleet(Model):
 
     def vehicles(self) -> list[Vehicle]:
         """Its aircraft, without ids."""
-        keys = ("autopilot", "airframe", "placing", "plan")
+        keys = ("autopilot", "airframe", "placing", "plan", "charge")
         shared = {key: getattr(self, key) for key in keys}
         return [
             Vehicle.model_construct(

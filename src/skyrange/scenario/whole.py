@@ -38,7 +38,9 @@ def whole_faults(scenario: Any) -> list[Fault]:
 
 def _fleet_faults(where: str, operator: Any) -> Iterator[Fault]:
     here = f"{where}.vehicles"
-    if isinstance(operator, (Mapping, Operator)) and all(_get(operator, key) in _NONE for key in ("vehicles", "fleets")):
+    if isinstance(operator, (Mapping, Operator)) and all(
+        _get(operator, key) in _NONE for key in ("vehicles", "fleets")
+    ):
         yield Fault(here, "none", "at least one vehicle or fleet", "An operator needs aircraft.")
     vehicles = _list(operator, "vehicles") or ()
     yield from _twice(here, vehicles, "id", "an id that no other vehicle of this operator has")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +33,7 @@ from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.onboard import links as vehicle_links
 from skyrange.vehicle.onboard import routes
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body, Wind, World
+from skyrange.world import Body, World
 
 APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
 """A web service some tens of milliseconds away."""
@@ -124,7 +123,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
     for row, (operator, vehicle) in enumerate(scenario.fleet):
         key = vehicle_id(operator.id, vehicle.id)
         start = vehicle.start
-        bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg))
+        bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg, vehicle.charge))
         spec = VehicleSpec(
             vehicle=key,
             system_id=vehicle.system_id,
@@ -135,10 +134,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
             params=dict(vehicle.params),
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
-    blows_from = math.radians(scenario.wind.from_deg)
-    speed = -scenario.wind.speed_mps  # the direction names where it comes from
-    wind = Wind((speed * math.sin(blows_from), speed * math.cos(blows_from), 0.0))
-    world = World(bodies, wind=wind, city=city, chance=chance)
+    world = World(bodies, wind=scenario.wind.air, city=city, chance=chance)
     mounts = []
     for kind, members in specs.items():
         rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
