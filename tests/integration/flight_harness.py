@@ -18,7 +18,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch, from_seconds
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body, World
+from skyrange.world import Body, Wind, World
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
@@ -55,7 +55,7 @@ class Range:
         bodies = [
             Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], s.home_enu_m[2], s.heading_deg) for s in specs
         ]
-        self.world = World(bodies, QUANTUM_NS, wind_enu_mps, None)
+        self.world = World(bodies, QUANTUM_NS, Wind(wind_enu_mps))
         size = -(-len(self.specs) // split)
         parts = [self.specs[start : start + size] for start in range(0, len(self.specs), size)]
         self.engines = [BuiltinFleet(f"part{i}", p, origin, EPOCH, Chance(seed)) for i, p in enumerate(parts)]

@@ -17,10 +17,10 @@ series to fourth order, normalised. At 2.5 ms a rotor's time constant is five
 steps, and the closed forms of tests/validation are met to a thousandth or better; RK4 over the whole state
 would evaluate the forces four times as often for digits that the parameters do not have.
 
-Ground: the plane up = 0, hit without bounce. The normal impulse stops the fall; friction takes at most
+Ground: a plane at the height of the `floor` below each aircraft, hit without bounce. The normal impulse stops the fall; friction takes at most
 `friction` times it from the sliding speed; the stance takes at most its lever times it from roll and pitch
 rates and brings the aircraft level, so a take-off with enough torque does tip over. Tilted beyond the tip
-angle on the ground, the propellers strike and break: the aircraft has crashed and stays down.
+angle on the ground, the propellers strike and break: the aircraft has crashed and stays down. So it has after a touchdown beyond `HARD_MPS`.
 """
 
 from __future__ import annotations
@@ -37,36 +37,42 @@ Floats = NDArray[np.float64]
 
 ALOFT, ON_GROUND, CRASHED, EVENTS = 0, 1, 2, 3
 """Columns of the flags table: zero or one, but EVENTS holds the bits of what has happened since it was cleared."""
-TOUCHED, TIPPED = 1, 2
-"""Bits of EVENTS: a touchdown; a fall past the tip angle."""
+TOUCHED, TIPPED, BROKEN = 1, 2, 4
+"""Bits of EVENTS: a touchdown; a fall past the tip angle; a touchdown too hard to survive."""
+HARD_MPS = 3.117
+"""A touchdown faster than this breaks the aircraft: sqrt(2·g·h) of the reserve energy drop test, one and a half times
+13 inches (14 CFR 27.727, 27.725), the most that a rotorcraft's gear has to stand."""
 _REARM_M = 0.05  # height to be left before a touchdown counts as another one
 _LEVEL_TAU_S = 0.1  # how fast the gear brings a standing aircraft level
 _STILL = 1e-6  # a decay ends here (rad/s, rad): subnormal numbers would slow the machine tenfold
 
-_MASS, _JX, _JY, _JZ, _THRUST, _ARM, _MAX, _LAG_UP, _LAG_DOWN, _EXPO = range(10)
-_ROTOR_DRAG, _BODY_DRAG, _STANCE, _TIP_COS, _FRICTION, _ROTORS = range(10, 16)  # then three per rotor
+_MASS, _PER_MASS, _JX, _JY, _JZ, _PER_JX, _PER_JY, _PER_JZ, _THRUST, _ARM, _LAG_UP, _LAG_DOWN = range(12)
+_LINEAR, _EXPO, _ROTOR_DRAG, _BODY_DRAG, _STANCE, _TIP_COS, _FRICTION, _LEFT = range(12, 20)
+_FORWARD, _SPIN = _LEFT + MOTORS, _LEFT + 2 * MOTORS  # blocks of one number per rotor, as _LEFT
 
 
 def parameter_row(airframe: Airframe, step_s: float) -> list[float]:
     """An airframe's numbers as the kernel reads them at a quantum of `step_s` seconds."""
-    row = [
+    return [
         airframe.mass_kg,
+        1.0 / airframe.mass_kg,
         *airframe.inertia_kgm2,
+        *(1.0 / moment for moment in airframe.inertia_kgm2),
         airframe.thrust_ns2,
         airframe.torque_arm_m,
-        airframe.rotor_max_radps,
         -math.expm1(-step_s / airframe.tau_up_s),
         -math.expm1(-step_s / airframe.tau_down_s),
+        1.0 - airframe.thrust_expo,
         airframe.thrust_expo,
         airframe.rotor_drag_ns2,
         0.5 * AIR_DENSITY_KGM3 * airframe.drag_area_m2,
         airframe.gear_half_track_m,
         math.cos(airframe.tip_angle_rad),
         airframe.friction,
+        *(rotor.left_m for rotor in airframe.rotors),
+        *(rotor.forward_m for rotor in airframe.rotors),
+        *(rotor.spin for rotor in airframe.rotors),
     ]
-    for rotor in airframe.rotors:
-        row += [rotor.forward_m, rotor.left_m, rotor.spin]
-    return row
 
 
 @kernel
@@ -86,7 +92,9 @@ def advance(
     step_s: float,
     parameters: Floats,
     airframe: NDArray[np.int64],
-    wind_enu_mps: Floats,
+    wind: Floats,
+    floor: Floats,
+    limit: Floats,
     commands: Floats,
     position: Floats,
     velocity: Floats,
@@ -96,24 +104,36 @@ def advance(
     accel: Floats,
     flags: NDArray[np.uint8],
     impact_mps: Floats,
+    height: Floats,
+    work_j: Floats,
+    before: Floats,
+    stride: Floats,
 ) -> int:
     """Move every aircraft by `steps` quanta; returns how many events it flagged.
 
-    Shapes, n aircraft: `parameters` (airframes, 15 + 3·motors), `airframe` (n,) rows of it, `commands` and
-    `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local,
-    `rates` and `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the
-    speed of a touchdown.
+    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,) rows of it, `wind` (n, 3) the air's velocity
+    at each, `floor` (n,) the height of what is below it, `limit` (n, motors) a rotor's speed at full command, `commands`
+    and `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local, `rates`
+    and `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the speed of a
+    touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains what the rotors did against the air;
+    `before` (n, 3) receives the old positions, and `stride` (1,) the square of the longest way that any went.
     """
     events = 0
+    longest = 0.0
     for i in range(position.shape[0]):
         p = parameters[airframe[i]]
-        mass, jx, jy, jz = p[_MASS], p[_JX], p[_JY], p[_JZ]
-        per_mass, per_jx, per_jy, per_jz = 1.0 / mass, 1.0 / jx, 1.0 / jy, 1.0 / jz
+        mass, per_mass = p[_MASS], p[_PER_MASS]
+        jx, jy, jz = p[_JX], p[_JY], p[_JZ]
+        per_jx, per_jy, per_jz = p[_PER_JX], p[_PER_JY], p[_PER_JZ]
         px, py, pz = position[i, 0], position[i, 1], position[i, 2]
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         qw, qx, qy, qz = attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3]
         wx, wy, wz = rates[i, 0], rates[i, 1], rates[i, 2]
         ax, ay, az = accel[i, 0], accel[i, 1], accel[i, 2]
+        before[i, 0], before[i, 1], before[i, 2] = px, py, pz
+        ground = floor[i]
+        gain = 0.0 if flags[i, CRASHED] else 1.0
+        work = 0.0
         for _ in range(steps):
             # rotors
             thrust = 0.0
@@ -121,24 +141,24 @@ def advance(
             torque_x = 0.0
             torque_y = 0.0
             torque_z = 0.0
+            cubes = 0.0
             for m in range(MOTORS):
                 command = commands[i, m]
-                if not command > 0.0 or flags[i, CRASHED]:  # a NaN is no thrust
-                    command = 0.0
-                elif command > 1.0:
-                    command = 1.0
-                target = p[_MAX] * math.sqrt(command * (1.0 - p[_EXPO] + p[_EXPO] * command))
+                command = command if command > 0.0 else 0.0  # a NaN is no thrust
+                command = command if command < 1.0 else 1.0
+                target = gain * limit[i, m] * math.sqrt(command * (p[_LINEAR] + p[_EXPO] * command))
                 speed = rotor_radps[i, m]
                 speed += (target - speed) * (p[_LAG_UP] if target > speed else p[_LAG_DOWN])
-                if target == 0.0 and speed < _STILL:
-                    speed = 0.0
+                speed = speed if speed >= _STILL else 0.0
                 rotor_radps[i, m] = speed
                 force = p[_THRUST] * speed * speed
                 thrust += force
                 turning += speed
-                torque_x += p[_ROTORS + 3 * m + 1] * force
-                torque_y -= p[_ROTORS + 3 * m] * force
-                torque_z -= p[_ROTORS + 3 * m + 2] * p[_ARM] * force
+                cubes += force * speed
+                torque_x += p[_LEFT + m] * force
+                torque_y -= p[_FORWARD + m] * force
+                torque_z -= p[_SPIN + m] * p[_ARM] * force
+            work += p[_ARM] * cubes
 
             # forces in the body, from the air's velocity across it
             r00 = 1.0 - 2.0 * (qy * qy + qz * qz)
@@ -150,9 +170,9 @@ def advance(
             r20 = 2.0 * (qx * qz - qw * qy)
             r21 = 2.0 * (qy * qz + qw * qx)
             r22 = 1.0 - 2.0 * (qx * qx + qy * qy)
-            ux = vx - wind_enu_mps[0]
-            uy = vy - wind_enu_mps[1]
-            uz = vz - wind_enu_mps[2]
+            ux = vx - wind[i, 0]
+            uy = vy - wind[i, 1]
+            uz = vz - wind[i, 2]
             bx = r00 * ux + r10 * uy + r20 * uz
             by = r01 * ux + r11 * uy + r21 * uz
             bz = r02 * ux + r12 * uy + r22 * uz
@@ -167,12 +187,16 @@ def advance(
             nvy = vy + (r10 * ax + r11 * ay + r12 * az) * step_s
             nvz = vz + (r20 * ax + r21 * ay + r22 * az - GRAVITY_MPS2) * step_s
             impulse = 0.0  # of the ground, per mass
-            if nvz <= 0.0 and pz + 0.5 * (vz + nvz) * step_s <= 0.0:
+            if nvz <= 0.0 and pz + 0.5 * (vz + nvz) * step_s <= ground:
                 flags[i, ON_GROUND] = 1
                 if flags[i, ALOFT]:
                     flags[i, ALOFT] = 0
                     flags[i, EVENTS] |= TOUCHED
                     impact_mps[i] = math.sqrt(nvx * nvx + nvy * nvy + nvz * nvz)
+                    if impact_mps[i] > HARD_MPS and not flags[i, CRASHED]:
+                        flags[i, CRASHED] = 1
+                        gain = 0.0
+                        flags[i, EVENTS] |= BROKEN
                     events += 1
                 impulse = -nvz
                 slide = math.sqrt(nvx * nvx + nvy * nvy)
@@ -187,11 +211,11 @@ def advance(
                 ax = r00 * gx + r10 * gy + r20 * gz
                 ay = r01 * gx + r11 * gy + r21 * gz
                 az = r02 * gx + r12 * gy + r22 * gz
-                pz = 0.0
+                pz = ground
             else:
                 flags[i, ON_GROUND] = 0
                 pz += 0.5 * (vz + nvz) * step_s
-                if pz > _REARM_M:
+                if pz > ground + _REARM_M:
                     flags[i, ALOFT] = 1
             px += 0.5 * (vx + nvx) * step_s
             py += 0.5 * (vy + nvy) * step_s
@@ -211,6 +235,7 @@ def advance(
                 if r22 < p[_TIP_COS]:
                     if not flags[i, CRASHED]:
                         flags[i, CRASHED] = 1
+                        gain = 0.0
                         flags[i, EVENTS] |= TIPPED
                         events += 1
                 elif r20 * r20 + r21 * r21 > _STILL * _STILL and not flags[i, CRASHED]:
@@ -236,12 +261,18 @@ def advance(
             nx = qx * c + qw * tx + qy * tz - qz * ty
             ny = qy * c + qw * ty + qz * tx - qx * tz
             nz = qz * c + qw * tz + qx * ty - qy * tx
-            norm = 1.0 / math.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
+            # 1/sqrt(1 + x) is 1 - x/2 for an x that is rounding and a truncated series' rest
+            norm = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
             qw, qx, qy, qz = nw * norm, nx * norm, ny * norm, nz * norm
 
+        moved_x, moved_y, moved_z = px - before[i, 0], py - before[i, 1], pz - before[i, 2]
+        longest = max(longest, moved_x * moved_x + moved_y * moved_y + moved_z * moved_z)
+        work_j[i] += work * step_s
+        height[i] = pz - ground
         position[i, 0], position[i, 1], position[i, 2] = px, py, pz
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = vx, vy, vz
         attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = qw, qx, qy, qz
         rates[i, 0], rates[i, 1], rates[i, 2] = wx, wy, wz
         accel[i, 0], accel[i, 1], accel[i, 2] = ax, ay, az
+    stride[0] = longest
     return events

@@ -75,7 +75,13 @@ class World:
         self._step_s = step_s
         self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name], step_s) for name in names])
         self._airframe = np.array([names.index(body.airframe) for body in bodies], dtype=np.int64)
-        self._wind = np.array(wind.steady_enu_mps, dtype=np.float64)
+        self._air = np.tile(np.array(wind.steady_enu_mps, dtype=np.float64), (n, 1))
+        self._floor = np.zeros(n)
+        self._limit = np.array([[a.rotor_max_radps] * MOTORS for a in self.airframes])
+        self._height = np.zeros(n)
+        self._work_j = np.zeros(n)
+        self._before = np.zeros((n, 3))
+        self._stride = np.zeros(1)
         self._position = np.array([(b.east_m, b.north_m, b.up_m) for b in bodies], dtype=np.float64)
         self._velocity = np.zeros((n, 3))
         self._attitude = np.zeros((n, 4))
@@ -99,7 +105,9 @@ class World:
             self._step_s,
             self._parameters,
             self._airframe,
-            self._wind,
+            self._air,
+            self._floor,
+            self._limit,
             self._commands,
             self._position,
             self._velocity,
@@ -109,6 +117,10 @@ class World:
             self._accel,
             self._flags,
             self._impact_mps,
+            self._height,
+            self._work_j,
+            self._before,
+            self._stride,
         )
         views = [a.view() for a in (self._rates, self._accel, self._attitude, self._position, self._velocity)]
         for view in views:
