@@ -59,8 +59,7 @@ class Neighbours:
         """Whether the path, shifted so, comes within `APART_M` of one of them."""
         shift = (east_m, north_m)
         return any(
-            index.query(_seen(leg + shift), predicate="dwithin", distance=APART_M).size
-            for index, leg in self._indices
+            index.query(_seen(leg + shift), predicate="dwithin", distance=APART_M).size for index, leg in self._indices
         )
 
 

@@ -78,7 +78,8 @@ def clear_shift(
     """The least (east_m, north_m) by which to shift `path` to a place that is free.
 
     `path` is a flight's corners in metres, its first point the start. Free is a place where no building
-    is within `margin_m` of the path and nothing of the airspace `taken` is near it. None if nothing within `REACH_M` will do.
+    is within `margin_m` of the path and nothing of the airspace `taken` is near it. None if nothing within
+    `REACH_M` will do.
     """
     others = None if taken is None else taken.around(path)
     for east_m, north_m in _lattice():

@@ -14,7 +14,6 @@ from skyrange.scenario.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.links import link_names
 from skyrange.scenario.operators import Operator
 
-
 _NONE: tuple[Any, ...] = (None, (), [])
 
 

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 class VehicleSpec:
     """One aircraft: `home_enu_m` where it stands at the start, `heading_deg` clockwise from north.
 
-    `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter parameters in their own units that replace defaults.
+    `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter
+    parameters in their own units that replace defaults.
     """
 
     vehicle: str

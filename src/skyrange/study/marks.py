@@ -1,0 +1,65 @@
+"""What went wrong, where and when? Collisions, crashes, breaches and failsafes as marks for timeline and map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyrange.core.time import NS_PER_S
+from skyrange.study.series import Happening, Record, Track, happenings, truth_tracks
+
+_KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
+_REASONS = frozenset({"gps_glitch", "fence_breached", "avoidance", "terrain_following_failed"})
+"""ArduCopter's ModeReasons besides those in …_failsafe that no pilot or mission gave (libraries/…/ModeReason.h)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """`kind` is collision, crash, breach or failsafe; `enu_m` where the aircraft truly was."""
+
+    time_ns: int
+    vehicle: str
+    kind: str
+    enu_m: tuple[float, float, float]
+    words: str
+
+
+def alarming(row: Happening) -> str:
+    """The kind of mark that an event is worth, "" for none."""
+    if row.kind == "event.mode":
+        reason = str(row.data.get("reason", ""))
+        return "failsafe" if reason.endswith("_failsafe") or reason in _REASONS else ""
+    return _KINDS.get(row.kind, "")
+
+
+def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark]:
+    """A mark for every alarming event about an aircraft whose place is known, in time order."""
+    found = []
+    for row in events:
+        kind = alarming(row)
+        track = tracks.get(row.about.split(".", 1)[0])
+        if not kind or track is None or not len(track):
+            continue
+        east_m, north_m, up_m = track.at(np.array([row.time_ns]))[0].tolist()
+        found.append(Mark(row.time_ns, row.about, kind, (east_m, north_m, up_m), said(row)))
+    return sorted(found, key=lambda mark: mark.time_ns)
+
+
+def said(row: Happening) -> str:
+    """An alarming event in words."""
+    time_s = row.time_ns / NS_PER_S
+    what = row.kind.partition(".")[2].replace("_", " ")
+    if row.kind == "event.mode":
+        what = f"{row.data.get('mode', '?')} for {str(row.data.get('reason', '')).replace('_', ' ')}"
+    elif row.kind == "event.collision":
+        what = f"collision with {row.data.get('with', '?')}"
+        if isinstance(speed := row.data.get("speed_mps"), (int, float)):
+            what += f" at {speed:.1f} m/s"
+    return f"{row.about}: {what}, {time_s:.1f} s"
+
+
+def marks_of(record: Record) -> list[Mark]:
+    """The marks of a run."""
+    return marks(happenings(record, "events"), truth_tracks(record))
