@@ -74,6 +74,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("throttle", _F64, "", "mean motor command, 0 to 1"),
         Column("on_ground", _F64, "", "1 while it stands on the ground, else 0"),
         Column("crashed", _F64, "", "1 once it has crashed, else 0"),
+        Column("battery_v", _F64, "V", "voltage at the battery's terminals"),
+        Column("battery_a", _F64, "A", "current drawn"),
+        Column("charge", _F64, "", "what is left in the battery, 0 to 1"),
+        Column("wind_east_mps", _F64, "m/s", "the air's velocity at the aircraft, east"),
+        Column("wind_north_mps", _F64, "m/s", "the air's velocity at the aircraft, north"),
+        Column("wind_up_mps", _F64, "m/s", "the air's velocity at the aircraft, up"),
     ),
     "sensors": (
         Column("time_ns", _I64, "ns", f"the tick, {_TIME}"),
