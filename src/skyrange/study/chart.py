@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from skyrange.study.thin import kept_rows
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_MOST_NAMED = 8  # operators whose names fit over a chart
 _NOTHING: tuple[Ints, Floats] = (np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
@@ -40,6 +42,7 @@ def over_time(
         svg.text(left + (value - first) * x_scale, height - below + 17, svg.label(value, step)) for value in values
     )
     body.append(svg.text((left + width - right) / 2, height - 5, "simulated time, s", extra='opacity=".7"'))
+    body += _legend(subject, width - right, above - 9)
     budget = max(60, svg.POINTS // max(len(subject.fleet), 1))
     for vehicle in subject.fleet:
         times_ns, ups = lines.get(vehicle.id, _NOTHING)
@@ -48,3 +51,18 @@ def over_time(
         y = height - below - (ups[rows] - low) * y_scale
         body.append(subject.line(vehicle, np.stack([x, y], axis=1)))
     return Figure(svg.document(width, height, title, body), title)
+
+
+def _legend(subject: Subject, right: float, y: float) -> list[str]:
+    """The operators' names in their colours, ending at `right`; none where there is but one, or too many."""
+    first = {vehicle.operator: vehicle for vehicle in reversed(subject.fleet)}
+    if not 2 <= len(first) <= _MOST_NAMED:
+        return []
+    parts = []
+    for operator, vehicle in first.items():
+        parts.append(
+            f'<text x="{number(right)}" y="{number(y)}" text-anchor="end" font-size="11" font-weight="600" '
+            f'fill="{subject.inks[vehicle.id].light}">{escape(operator)}</text>'
+        )
+        right -= 7 * len(operator) + 12
+    return parts

@@ -19,14 +19,14 @@ from skyrange.study import svg
 from skyrange.study.boxes import box
 from skyrange.study.chart import over_time
 from skyrange.study.deviation import deviations_m
-from skyrange.study.marks import Mark, marks_of
+from skyrange.study.marks import Mark, drawn, marks_of
 from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
 from skyrange.study.subject import Subject, subject_of
 from skyrange.study.svg import Figure, number
 from skyrange.study.thin import kept_rows
 from skyrange.study.waypoints import uploaded
 
-__all__ = ["Figure", "altitude", "plan_view", "track_deviation", "trajectories_3d"]
+__all__ = ["Figure", "altitude", "overview", "plan_view", "track_deviation", "trajectories_3d"]
 
 Floats = NDArray[np.float64]
 Source = Literal["belief", "truth"]
@@ -45,6 +45,11 @@ def trajectories_3d(record: Record, operators: Sequence[str] | None = None, sour
     """
     tracks = belief_tracks(record) if source == "belief" else truth_tracks(record)
     return draw_boxes(subject_of(record), tracks, operators, source)
+
+
+def overview(record: Record) -> Figure:
+    """Everybody's true paths in one box, with the buildings between them; axes and marks as the other figures'."""
+    return draw_overview(subject_of(record), truth_tracks(record), marks_of(record))
 
 
 def plan_view(record: Record, waypoints: Mapping[str, Floats] | None = None, width: float = 760.0) -> Figure:
@@ -85,10 +90,10 @@ def draw_boxes(
     return Figure(svg.document(columns * width, max(1, math.ceil(len(chosen) / columns)) * height, title, body), title)
 
 
-def draw_overview(subject: Subject, tracks: Mapping[str, Track]) -> Figure:
-    """Everybody's true paths in one box, with the buildings between them."""
+def draw_overview(subject: Subject, tracks: Mapping[str, Track], marks: Sequence[Mark] = ()) -> Figure:
+    """`overview` of tracks that are at hand."""
     title = f"All trajectories of {subject.name}"
-    return Figure(svg.document(900, 520, title, [box(subject, subject.fleet, tracks, 900, 520)]), title)
+    return Figure(svg.document(900, 520, title, [box(subject, subject.fleet, tracks, 900, 520, marks)]), title)
 
 
 def draw_plan(
@@ -119,7 +124,7 @@ def draw_plan(
         _plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
         for vehicle in subject.fleet
     )
-    body += [_mark(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in marks]
+    body += [drawn(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in marks]
     body.append(_scale_bar(scale, width, height))
     body.append(
         f'<g transform="translate({number(width - 28)} 30)"><path d="M0 -18L7 8L0 3L-7 8z" fill="currentColor"/>'
@@ -167,18 +172,6 @@ def _plan_vehicle(subject: Subject, vehicle: Vehicle, track: Track, waypoints: F
         if len(subject.fleet) <= 40:  # more names would only cover each other
             parts.append(svg.text(x + 8, y + 13, vehicle.short, "start", 10.5, 'opacity=".8"'))
     return "".join(parts)
-
-
-def _mark(mark: Mark, x: float, y: float) -> str:
-    """A cross for a collision or crash, a triangle for what turned an aircraft around."""
-    violent = mark.kind in ("collision", "crash")
-    shape = "M-6 -6L6 6M6 -6L-6 6" if violent else "M0 -7L7 5H-7z"
-    return (
-        f'<g class="mishap" transform="translate({number(x)} {number(y)})">'
-        f'<path d="{shape}" fill="none" stroke="#fff" stroke-width="5" stroke-opacity=".85"/>'
-        f'<path d="{shape}" fill="{"none" if violent else "#e08a00"}" stroke="{"#c81e1e" if violent else "#8a4f00"}" '
-        f'stroke-width="{2.6 if violent else 1.2}" stroke-linecap="round"/><title>{escape(mark.words)}</title></g>'
-    )
 
 
 def _footprints(city: Sequence[Mapping[str, Any]], pixels: Any, width: float, height: float) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from html import escape
 
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
 from skyrange.study.series import Happening, Record, Track, happenings, truth_tracks
+from skyrange.study.svg import number
 
 _KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
 _REASONS = frozenset({"gps_glitch", "fence_breached", "avoidance", "terrain_following_failed"})
@@ -58,6 +60,18 @@ def said(row: Happening) -> str:
         if isinstance(speed := row.data.get("speed_mps"), (int, float)):
             what += f" at {speed:.1f} m/s"
     return f"{row.about}: {what}, {time_s:.1f} s"
+
+
+def drawn(mark: Mark, x: float, y: float) -> str:
+    """SVG at a pixel: a cross for a collision or crash, a triangle for what turned an aircraft around."""
+    violent = mark.kind in ("collision", "crash")
+    shape = "M-6 -6L6 6M6 -6L-6 6" if violent else "M0 -7L7 5H-7z"
+    return (
+        f'<g class="mishap" transform="translate({number(x)} {number(y)})">'
+        f'<path d="{shape}" fill="none" stroke="#fff" stroke-width="5" stroke-opacity=".85"/>'
+        f'<path d="{shape}" fill="{"none" if violent else "#e08a00"}" stroke="{"#c81e1e" if violent else "#8a4f00"}" '
+        f'stroke-width="{2.6 if violent else 1.2}" stroke-linecap="round"/><title>{escape(mark.words)}</title></g>'
+    )
 
 
 def marks_of(record: Record) -> list[Mark]:

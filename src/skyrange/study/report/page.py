@@ -44,7 +44,7 @@ def render(record: Record) -> str:
         events=timeline.table([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
         decisions=timeline.table(run.decisions, run, "decisions", "Decisions of ground stations"),
         opening=sections.data(run, notes),
-        overview=figures.draw_overview(run.subject, run.truth).svg,
+        overview=figures.draw_overview(run.subject, run.truth, run.marks).svg,
     )
 
 
