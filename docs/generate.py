@@ -93,6 +93,7 @@ _SECTIONS = (
     ("City", "`[city]`"),
     ("Grid", "`[city.grid]`"),
     ("Wind", "`[wind]`"),
+    ("Sensors", "`[sensors]`"),
     ("Record", "`[record]`"),
     ("Link", "`[[links]]`"),
     ("Operator", "`[[operators]]`"),

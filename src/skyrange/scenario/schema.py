@@ -32,6 +32,7 @@ __all__ = [
     "Plan",
     "Record",
     "Scenario",
+    "Sensors",
     "Square",
     "Start",
     "Vehicle",
@@ -138,6 +139,14 @@ class Wind(Model):
         return Air(steady, TURBULENCE_MPS[self.turbulence] if self.w20_mps is None else self.w20_mps)
 
 
+class Sensors(Model):
+    """How good the sensors of every aircraft are."""
+
+    noise: Number = Field(
+        default=1.0, ge=0, le=10, description="Factor on every error of the sensors: 1 usual, 0 ideal sensors."
+    )
+
+
 class Record(Model):
     """What is written down how often, beside every frame, decision and event."""
 
@@ -184,6 +193,7 @@ class Scenario(Model):
     )
     city: City | None = Field(default=None, description="The buildings; default: none.")
     wind: Wind = Field(default_factory=Wind, description="The wind; default: none.")
+    sensors: Sensors = Field(default_factory=Sensors, description="The aircraft's sensors; default: usual ones.")
     record: Record = Field(default_factory=Record, description="Rates of recording.")
     links: tuple[Link, ...] = Field(
         default=(), description="Changes to links' channels; later ones stand over earlier."
