@@ -58,7 +58,7 @@ def test_auto_arms_where_its_option_says() -> None:
     r = Range([VehicleSpec(V, 1, params={"AUTO_OPTIONS": 1})])
     assert r.mode(V, Mode.AUTO) == OK
     assert r.arm(V) == FAILED
-    assert "Arm: No mission loaded" in r.words()
+    assert "Arm: Mode requires mission" in r.words()
     r.upload(V, square(5, 5))
     assert r.arm(V) == OK
     r.run(3.0)

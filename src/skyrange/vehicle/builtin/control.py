@@ -194,7 +194,7 @@ def relax(f: Any) -> None:
 @kernel
 def fly(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> None:
     """Follow the reference for one step: writes four commands and `throttle`."""
-    acc_e, acc_n = horizontal(e, f, p, dt_s)
+    acc_e, acc_n = (0.0, 0.0) if f.blind == 1 else horizontal(e, f, p, dt_s)
     f.throttle = vertical(e, f, p, dt_s)
     roll_rate, pitch_rate, yaw_rate = attitude_rates(e, f, p, acc_e, acc_n, dt_s)
     roll, pitch, yaw = rate_torques(e, f, p, roll_rate, pitch_rate, yaw_rate, dt_s)

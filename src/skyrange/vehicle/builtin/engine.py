@@ -21,8 +21,18 @@ from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
-from skyrange.vehicle.builtin import commands, loop, mission_protocol, navigator, parameter_protocol, returning, targets
+from skyrange.vehicle.builtin import (
+    commands,
+    fence,
+    loop,
+    mission_protocol,
+    navigator,
+    parameter_protocol,
+    returning,
+    targets,
+)
 from skyrange.vehicle.builtin.arming import disarm, idle_end
+from skyrange.vehicle.builtin.failsafes import crash, ground_station, service
 from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Control, Flag, zeros
 from skyrange.vehicle.builtin.modes import Mode
@@ -39,6 +49,7 @@ PHASE_STREAM = "vehicle.boot_phase"
 Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
 _ID = dialect
 _HANDLERS: dict[int, Handler] = {
+    _ID.MAVLINK_MSG_ID_HEARTBEAT: ground_station.on_heartbeat,
     _ID.MAVLINK_MSG_ID_MISSION_COUNT: mission_protocol.on_count,
     _ID.MAVLINK_MSG_ID_MISSION_ITEM_INT: mission_protocol.on_item,
     _ID.MAVLINK_MSG_ID_MISSION_ITEM: mission_protocol.on_item,
@@ -93,6 +104,7 @@ class BuiltinFleet:
         self._schedule = Schedule(np.array(phases, dtype=np.int64))
         for craft in crafts:
             boot_rates(self._schedule, self._fleet, craft)
+            service.boot(self._fleet, craft)
         self._actuators = np.zeros((count, MOTORS))
         self._last: Time | None = None
 
@@ -118,6 +130,7 @@ class BuiltinFleet:
             self._act_on_flags()
         if tick % SERVICE_NS == 0:
             self._act_on_timers(tick)
+            service.serve(fleet, self._actuators)
             self._schedule.send_due(fleet)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
@@ -190,6 +203,8 @@ class BuiltinFleet:
 
 
 def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
+    if flag is Flag.CLIMBED:
+        fence.after_takeoff(fleet, craft)
     if flag is Flag.LIFTED:
         fleet.note("event.takeoff", craft, {}, craft.target_causes)
     elif flag is Flag.LANDED:
@@ -199,8 +214,7 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
         fleet.timer(craft, Timer.LANDED, fleet.now + spool_ns if settles else NEVER)
         fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
     elif flag is Flag.CRASHED:
-        fleet.text(craft, dialect.MAV_SEVERITY_EMERGENCY, "Crash: Disarming")
-        disarm(fleet, craft, "crash", ())
+        crash.crashed(fleet, craft)
     elif craft.mode == Mode.AUTO:
         navigator.on_flag(fleet, craft, flag)
     elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:

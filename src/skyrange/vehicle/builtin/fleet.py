@@ -19,7 +19,9 @@ from skyrange.codec.mavlink import Packer, dialect
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
+from skyrange.vehicle.builtin.fence_zones import ZONES
 from skyrange.vehicle.builtin.layout import Control, Records
+from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
 
 Causes = tuple[FrameId, ...]
 COMPONENT = 1
@@ -71,6 +73,9 @@ class Upload:
     last: int = 0
     partner: tuple[int, int] = (0, 0)
     received_ns: Time = 0
+    asked_ns: Time = 0
+    items: list[Slot | None] = field(default_factory=list)
+    """What has come of a fence, which is put in force as a whole."""
 
 
 class MissionState(IntEnum):
@@ -108,9 +113,14 @@ class Craft:
     """East, north, up of home in metres."""
     mode: int = 0
     mode_causes: Causes = ()
+    mode_reason: str = ""
+    """Why the mode was chosen: ArduCopter's ModeReason in lower case."""
     mission: list[Slot] = field(default_factory=list)
     """Item 0 is a placeholder for home, as in ArduPilot."""
-    upload: Upload = field(default_factory=Upload)
+    fence: list[Slot] = field(default_factory=list)
+    rally: list[Slot] = field(default_factory=list)
+    uploads: list[Upload] = field(default_factory=lambda: [Upload(), Upload(), Upload()])
+    """By MAV_MISSION_TYPE: missions, fences and rally points are transferred apart."""
     mission_state: int = MissionState.NONE
     current: int = 0
     """Sequence number of the navigation item under way, 0 for none."""
@@ -119,6 +129,8 @@ class Craft:
     jumps: dict[int, int] = field(default_factory=dict)
     """How often each DO_JUMP has jumped."""
     stage: int = Stage.NONE
+    return_to: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the present return leads: home or a rally point."""
     ready: bool = False
     """Allowed to leave the ground (ArduPilot's `auto_armed`)."""
     target_causes: Causes = ()
@@ -145,6 +157,10 @@ class Fleet:
         self.estimate = estimate
         self.flight = flight
         self.settings = settings
+        self.power: Records = np.zeros(len(crafts), dtype=POWER)
+        self.boundary: Records = np.zeros(len(crafts), dtype=BOUNDARY)
+        self.zones: Records = np.zeros(len(crafts), dtype=ZONES)
+        self.watch: Records = np.zeros(len(crafts), dtype=WATCH)
         self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
         self.now: Time = 0
         self.outbox = Outbox()
@@ -219,3 +235,5 @@ class Fleet:
         self.flight["control"][row] = control
         self.flight["target_vel"][row] = target_vel
         self.flight["fast"][row] = 0
+        self.flight["pause_s"][row] = 0.0
+        self.flight["blind"][row] = 0

@@ -283,6 +283,15 @@ def _land_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
 
 
 @kernel
+def _drift(e: Any, f: Any) -> None:
+    """Without a position to hold, the reference goes where the aircraft is believed to go."""
+    for axis in range(2):
+        f.ref_pos[axis] = e.pos[axis]
+        f.ref_vel[axis] = e.vel[axis]
+        f.ref_acc[axis] = 0.0
+
+
+@kernel
 def guide(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Move the reference of one flying aircraft by one step, according to its control."""
     control = f.control
@@ -305,8 +314,12 @@ def guide(e: Any, f: Any, p: Any, dt_s: float) -> None:
         _move_level(f, p, want_e, want_n, dt_s)
         _move_up(f, p, clamp(f.target_vel[2], -f.speed_down, f.speed_up), dt_s)
     elif control == _LAND:
-        _move_level(f, p, 0.0, 0.0, dt_s)
-        _move_up(f, p, _land_rate(e, f, p, dt_s), dt_s)
+        if f.blind == 1:
+            _drift(e, f)
+        else:
+            _move_level(f, p, 0.0, 0.0, dt_s)
+        f.pause_s = max(f.pause_s - dt_s, 0.0)
+        _move_up(f, p, 0.0 if f.pause_s > 0.0 else _land_rate(e, f, p, dt_s), dt_s)
     elif control == _TAKEOFF:
         _move_level(f, p, 0.0, 0.0, dt_s)
         _climb_to(f, p, f.target_pos[2], dt_s)

@@ -28,6 +28,24 @@ ESTIMATE: Final = np.dtype(
         ("pitch", "f8"),  # FLU: nose down positive
         ("yaw", "f8"),
         ("height", "f8"),  # m above the ground below
+        ("status", "i8"),  # MAVLink EKF_STATUS_FLAGS
+        ("vel_ratio", "f8"),  # normalised innovations: EKF_STATUS_REPORT's variances
+        ("pos_ratio", "f8"),
+        ("hgt_ratio", "f8"),
+        ("mag_ratio", "f8"),
+        ("dead_reckoning", "i8"),  # 1 while the position is extrapolated
+        ("resets", "i8"),  # how often the horizontal position was reset
+        ("gnss_fix", "i8"),  # MAVLink GPS_FIX_TYPE
+        ("gnss_sats", "i8"),
+        ("gnss_hdop", "f8"),
+        ("gnss_pos", "f8", (3,)),  # what the receiver said last
+        ("gnss_vel", "f8", (3,)),
+        ("gnss_age_s", "f8"),
+        ("baro_up", "f8"),
+        ("compass", "f8", (3,)),  # gauss, body
+        ("battery_v", "f8"),
+        ("battery_a", "f8"),
+        ("imu_accel", "f8", (3,)),  # m/s², body specific force
     ]
 )
 
@@ -98,6 +116,9 @@ FLIGHT: Final = np.dtype(
         ("land_accel", "f8", (3,)),
         ("land_s", "f8"),
         ("crash_s", "f8"),
+        # landing on a failsafe
+        ("pause_s", "f8"),  # hold the height for so long before the descent
+        ("blind", "i8"),  # without a position: level, drifting with the wind
     ]
 )
 
@@ -137,4 +158,16 @@ def zeros(dtype: np.dtype[Any], count: int) -> Records:
     rows = np.zeros(count, dtype=dtype)
     if dtype == ESTIMATE:
         rows["quat"][:, 0] = 1.0
+        healthy(rows)
     return rows
+
+
+def healthy(estimate: Records) -> None:
+    """What a good receiver, a settled estimator and a full battery say; NaN where nothing has been measured."""
+    estimate["status"] = 1 | 2 | 4 | 8 | 16 | 32 | 64 | 256 | 512
+    estimate["gnss_fix"] = 6
+    estimate["gnss_sats"] = 10
+    estimate["gnss_hdop"] = 1.21
+    estimate["battery_v"] = 12.6
+    for name in ("gnss_pos", "gnss_vel", "baro_up", "compass"):
+        estimate[name] = np.nan

@@ -1,7 +1,8 @@
 """How does an aircraft come home? RTL's stages: climb, return, wait, descend and land.
 
 After ArduCopter/mode_rtl.cpp (`build_path`, `compute_return_target`, `run`): the climb's height is RTL_ALT above
-home, lowered by the cone near home, never below the present height. Used by the mode and by the mission item.
+home, lowered by the cone near home and to the fence, never below the present height. Home may be a rally
+point. Used by the mode and by the mission item.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import math
 import numpy as np
 
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin import fence, loop, rally
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control
 
@@ -22,6 +23,7 @@ _CONE_MIN = 0.5  # config.h RTL_MIN_CONE_SLOPE
 def start(fleet: Fleet, craft: Craft) -> None:
     """Begin the return of a flying craft with the climb from its stopping point."""
     fleet.limits(craft)
+    craft.return_to = rally.return_point(fleet, craft)
     speed = fleet.param(craft, "RTL_SPEED") * 0.01
     if speed > 0.0:
         fleet.flight["speed_xy"][craft.row] = speed
@@ -48,14 +50,15 @@ def stopping_point(fleet: Fleet, craft: Craft) -> tuple[float, float, float]:
 
 def _height(fleet: Fleet, craft: Craft, east: float, north: float, up: float) -> float:
     """The height of the return, above the origin."""
-    home_east, home_north, home_up = craft.home
+    home_up = craft.home[2]
+    to_east, to_north, to_up = craft.return_to
     now = up - home_up
     least = max(_ALT_MIN_M, now + fleet.param(craft, "RTL_CLIMB_MIN") * 0.01)
-    height = max(fleet.param(craft, "RTL_ALT") * 0.01, least, 0.0)
+    height = max(fleet.param(craft, "RTL_ALT") * 0.01, least, to_up - home_up, 0.0)
     slope = fleet.param(craft, "RTL_CONE_SLOPE")
     if slope >= _CONE_MIN:
-        height = min(height, max(math.hypot(east - home_east, north - home_north) * slope, least))
-    return home_up + max(height, now)
+        height = min(height, max(math.hypot(east - to_east, north - to_north) * slope, least))
+    return home_up + max(min(height, fence.safe_alt_m(fleet, craft)), now)
 
 
 def arrived(fleet: Fleet, craft: Craft) -> None:
@@ -63,7 +66,7 @@ def arrived(fleet: Fleet, craft: Craft) -> None:
     if craft.stage == Stage.CLIMB:
         craft.stage = Stage.RETURN
         up = float(fleet.flight["target_pos"][craft.row, 2])
-        goal = np.array((craft.home[0], craft.home[1], up))
+        goal = np.array((craft.return_to[0], craft.return_to[1], up))
         turn_nose = fleet.param(craft, "WP_YAW_BEHAVIOR") == 1
         loop.set_leg(fleet.flight, fleet.settings, craft.row, goal, False, False, turn_nose)
     elif craft.stage == Stage.RETURN:
@@ -80,5 +83,5 @@ def waited(fleet: Fleet, craft: Craft) -> None:
         fleet.fly(craft, Control.LAND)
         return
     craft.stage = Stage.DESCEND
-    goal = np.array((craft.home[0], craft.home[1], craft.home[2] + final))
+    goal = np.array((craft.return_to[0], craft.return_to[1], craft.home[2] + final))
     loop.set_leg(fleet.flight, fleet.settings, craft.row, goal, False, False, False)

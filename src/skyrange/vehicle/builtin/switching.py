@@ -10,10 +10,11 @@ from collections.abc import Callable
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import navigator, returning
+from skyrange.vehicle.builtin import fence, navigator, position, returning
 from skyrange.vehicle.builtin.arming import idle_end
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE, NEEDS_POSITION
 from skyrange.vehicle.builtin.modes import Mode, known
 
 _BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z
@@ -24,6 +25,12 @@ def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
     """Why an armed craft may not enter a mode, or ""."""
     if mode == Mode.STABILIZE:
         return "no radio control"
+    if mode in NEEDS_POSITION and not position.ok(fleet, craft):
+        return "requires position"
+    if craft.mode in MANUAL_THROTTLE and mode not in MANUAL_THROTTLE and not position.height_ok(fleet, craft):
+        return "need alt estimate"
+    if fence.holds_mode(fleet, craft):
+        return "in fence recovery"
     if mode == Mode.AUTO:
         if not craft.sees_mission:
             return "init failed"
@@ -51,6 +58,7 @@ def _land(fleet: Fleet, craft: Craft) -> None:
     fleet.limits(craft)
     craft.stage = Stage.LAND
     fleet.fly(craft, Control.LAND)
+    fleet.flight["blind"][craft.row] = not position.ok(fleet, craft)
 
 
 _ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
@@ -67,6 +75,7 @@ _ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
 def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Causes) -> bool:
     """Change the mode; `False` and a text where it is refused. The present mode again changes nothing."""
     if number == craft.mode:
+        craft.mode_reason = reason
         return True
     mode = known(number)
     if mode is None:
@@ -81,11 +90,14 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
         navigator.stop(craft)
     craft.mode = mode
     craft.mode_causes = causes
+    craft.mode_reason = reason
     craft.stage = Stage.NONE
     fleet.timer(craft, Timer.HOLD)
     fleet.timer(craft, Timer.STALE)
     fleet.note("event.mode", craft, {"mode": mode.name, "number": int(mode), "reason": reason}, causes)
+    fence.mode_changed(fleet, craft)
     if armed and not fleet.landed(craft):
+        fleet.flight["blind"][craft.row] = 0
         _ENTER[mode](fleet, craft)
     elif armed:
         fleet.limits(craft)
