@@ -47,7 +47,7 @@ def test_state_stays_sane(place, wind, script):
 @given(place=PLACE, wind=WIND, script=SCRIPT, others=st.integers(1, 7))
 def test_company_changes_no_bit(place, wind, script, others):
     body = Body("blue/b1", "iris", *place)
-    company = [Body(f"blue/x{i}", "iris", 3.0 * i, 0.0, 5.0) for i in range(others)]
+    company = [Body(f"blue/x{i}", "iris", 8e3 + 3.0 * i, 0.0, 5.0) for i in range(others)]
     alone, among = World([body], wind=Wind(wind)), World([body, *company], wind=Wind(wind))
     _play([alone, among], script)
     for name, column in alone.truth().items():

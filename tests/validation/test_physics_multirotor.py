@@ -23,7 +23,9 @@ class Flight:
     def __init__(self, airframe: Airframe, wind=(0.0, 0.0, 0.0), up_m: float = 10_000.0) -> None:
         self.airframe = airframe
         self.parameters = np.array([multirotor.parameter_row(airframe, STEP_S)])
-        self.wind = np.array(wind, dtype=np.float64)
+        self.wind = np.array([wind], dtype=np.float64)
+        self.limit = np.full((1, 4), airframe.rotor_max_radps)
+        self.work_j = np.zeros(1)
         self.commands = np.zeros((1, 4))
         self.position = np.array([[0.0, 0.0, up_m]])
         self.velocity = np.zeros((1, 3))
@@ -41,6 +43,8 @@ class Flight:
             self.parameters,
             np.zeros(1, dtype=np.int64),
             self.wind,
+            np.zeros(1),
+            self.limit,
             self.commands,
             self.position,
             self.velocity,
@@ -50,6 +54,10 @@ class Flight:
             self.accel,
             self.flags,
             self.impact_mps,
+            np.zeros(1),
+            self.work_j,
+            np.zeros((1, 3)),
+            np.zeros(1),
         )
         return self
 

@@ -81,7 +81,12 @@ class Airframe:
     @property
     def radius_m(self) -> float:
         """Of the upright cylinder that holds it, propellers and all: what collides."""
-        return max(math.hypot(rotor.forward_m, rotor.left_m) for rotor in self.rotors) + self.propeller_m
+        return self.arm_m + self.propeller_m
+
+    @property
+    def arm_m(self) -> float:
+        """From the middle to the farthest rotor."""
+        return max(math.hypot(rotor.forward_m, rotor.left_m) for rotor in self.rotors)
 
     @property
     def max_thrust_n(self) -> float:

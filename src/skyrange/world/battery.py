@@ -63,7 +63,8 @@ def resting_v(charge: float) -> float:
     while row > 0 and RESTING[row, 0] > charge:
         row -= 1
     share = (charge - RESTING[row, 0]) / (RESTING[row + 1, 0] - RESTING[row, 0])
-    return RESTING[row, 1] + share * (RESTING[row + 1, 1] - RESTING[row, 1])
+    volts: float = RESTING[row, 1] + share * (RESTING[row + 1, 1] - RESTING[row, 1])
+    return volts
 
 
 @kernel

@@ -11,7 +11,8 @@ Pairs that are near are listed by a census over a grid of cells, made again when
 was near. Bounds only skip what cannot touch, so no result depends on who else flies.
 
 Contact. Rigid bodies without friction: an impulse J along the normal at the point of contact, with restitution
-`RESTITUTION`, through both masses and inertias, so momentum and angular momentum are kept (Goldstein; Baraff,
+`RESTITUTION`, through both masses and inertias, so momentum and, up to
+`MOST_RADPS`, angular momentum are kept (Goldstein; Baraff,
 "Physically Based Modeling", SIGGRAPH 2001). Aircraft are taken in the order of their ids.
 
 Damage is a modelling choice, for want of published figures: a touched propeller is lost. From the side that is the one
@@ -38,9 +39,11 @@ RESTITUTION = 0.3
 """Of speed along the normal: between crushing (0) and bouncing (1); a modelling choice."""
 WRECK_MPS = 10.0
 """A change of speed that leaves no motor running; a modelling choice."""
+MOST_RADPS = 100.0
+"""About each axis: what would spin faster than 16 turns a second breaks instead, and a tick could not follow it."""
 NEAR_M = 10.0
 """A pair closer than this is on the census's list."""
-_GENTLE_MPS = 0.05  # a slower touch stops without damage: two that rest against each other
+_GENTLE_MPS = 0.05  # a slower touch stops without bounce or damage
 _SIDE_COS = 0.5
 _EDGE_M = 0.25  # how exactly a roof's edge is known as the end of the floor, as half a gear's width
 _ON_ROOF_M = 0.02  # so far below a roof the gear still stands on it
@@ -48,6 +51,8 @@ _ON_ROOF_M = 0.02  # so far below a roof the gear still stands on it
 _RADIUS, _HEIGHT, _CG, _MASS, _PER_JX, _PER_JY, _PER_JZ, _PROPELLER, _ROTORS = range(9)  # then two per rotor
 WHO, WITH, SPEED, EAST, NORTH, UP, ENERGY = range(7)
 """Columns of a hit: rows of the two (a building is -1 less its index), relative speed, place, energy."""
+GENTLE = -1.0
+"""Energy of a touch that is none to speak of, as of two that rest against each other; its place is not told."""
 
 
 class Bodies(NamedTuple):
@@ -186,9 +191,13 @@ def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> 
     change = impulse / p[_MASS]
     for axis in range(3):
         state.velocity[i, axis] += change * n[axis]
-    state.rates[i, 0] += impulse * (ry * nz - rz * ny) * p[_PER_JX]
-    state.rates[i, 1] += impulse * (rz * nx - rx * nz) * p[_PER_JY]
-    state.rates[i, 2] += impulse * (rx * ny - ry * nx) * p[_PER_JZ]
+    spun = (
+        impulse * (ry * nz - rz * ny) * p[_PER_JX],
+        impulse * (rz * nx - rx * nz) * p[_PER_JY],
+        impulse * (rx * ny - ry * nx) * p[_PER_JZ],
+    )
+    for axis in range(3):
+        state.rates[i, axis] = min(max(state.rates[i, axis] + spun[axis], -MOST_RADPS), MOST_RADPS)
     state.accel[i, 0] += change * nx / step_s
     state.accel[i, 1] += change * ny / step_s
     state.accel[i, 2] += change * nz / step_s
@@ -254,8 +263,8 @@ def _when(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float
 
 
 @kernel
-def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, float]:
-    """Let two aircraft collide if their ways crossed: how far one was pushed, and the speed of the blow (0 if none)."""
+def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+    """Let two aircraft collide if their ways crossed: how far one was pushed, and whether they did."""
     a, b = state.shape[state.airframe[i]], state.shape[state.airframe[j]]
     radii = a[_RADIUS] + b[_RADIUS]
     d0, d1 = np.empty(3), np.empty(3)
@@ -264,7 +273,7 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
         d1[axis] = state.position[i, axis] - state.position[j, axis]
     when, sideways = _when(d0, d1, radii, a[_HEIGHT], b[_HEIGHT])
     if when > 1.0:
-        return 0.0, 0.0
+        return 0.0, False
     n = np.zeros(3)
     d = d0 + when * (d1 - d0)
     across = math.sqrt(d[0] * d[0] + d[1] * d[1])
@@ -274,15 +283,14 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     else:
         n[2] = 1.0 if d[2] + a[_HEIGHT] > b[_HEIGHT] - d[2] else -1.0
         apart = b[_HEIGHT] - d[2] if n[2] > 0.0 else d[2] + a[_HEIGHT]
-    # the rest of the tick is lost to both: it ends where they met
     share = b[_MASS] / (a[_MASS] + b[_MASS])
     apart = max(apart, 0.0)
+    pa, pb = np.empty(3), np.empty(3)
     for axis in range(3):
         p, q = state.before[i, axis], state.before[j, axis]
-        state.position[i, axis] = p + when * (state.position[i, axis] - p) + n[axis] * apart * share
-        state.position[j, axis] = q + when * (state.position[j, axis] - q) - n[axis] * apart * (1.0 - share)
+        pa[axis] = p + when * (state.position[i, axis] - p) + n[axis] * apart * share
+        pb[axis] = q + when * (state.position[j, axis] - q) - n[axis] * apart * (1.0 - share)
     # the point of contact: between the two centres as their sizes are, in the middle of what overlaps
-    pa, pb = state.position[i], state.position[j]
     low, high = max(pa[2], pb[2]), min(pa[2] + a[_HEIGHT], pb[2] + b[_HEIGHT])
     weight = b[_RADIUS] / radii
     point = np.array([pb[0] + weight * (pa[0] - pb[0]), pb[1] + weight * (pa[1] - pb[1]), 0.5 * (low + high)])
@@ -291,8 +299,10 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     speed_a, yield_a = _at(i, state, ra, n)
     speed_b, yield_b = _at(j, state, rb, n)
     closing = speed_b - speed_a
-    if closing <= 0.0:
-        return apart, 0.0
+    if closing <= 0.0:  # parting already
+        return 0.0, False
+    for axis in range(3):  # the rest of the tick is lost to both: it ends where they met
+        state.position[i, axis], state.position[j, axis] = pa[axis], pb[axis]
     relative = 0.0
     for axis in range(3):
         relative += (state.velocity[i, axis] - state.velocity[j, axis]) ** 2
@@ -300,24 +310,25 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     impulse = (1.0 + bounce) * closing / (yield_a + yield_b)
     _push(i, state, ra, n, impulse, step_s)
     _push(j, state, rb, n, -impulse, step_s)
+    hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), GENTLE
     if closing <= _GENTLE_MPS:
-        return apart, 0.0
+        return apart, True
     _lose(i, state, n, pb[0], pb[1], b[_RADIUS], impulse / a[_MASS])
     _lose(j, state, -n, pa[0], pa[1], a[_RADIUS], impulse / b[_MASS])
     reduced = a[_MASS] * b[_MASS] / (a[_MASS] + b[_MASS])
-    hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), 0.5 * reduced * relative
+    hit[ENERGY] = 0.5 * reduced * relative
     hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
-    return apart, math.sqrt(relative)
+    return apart, True
 
 
 @kernel
-def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, float]:
+def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
     """Let one aircraft collide with the first building its way meets: as `_meet`."""
     p = state.shape[state.airframe[i]]
     radius, height = p[_RADIUS], p[_HEIGHT]
     start, move = state.before[i].copy(), state.position[i] - state.before[i]
     long = math.sqrt(move[0] * move[0] + move[1] * move[1] + move[2] * move[2])
-    looks = max(int(math.ceil(2.0 * long / radius)), 1)
+    looks = max(math.ceil(2.0 * long / radius), 1)
     for look in range(1, looks + 1):
         q = start + move * (look / looks)
         cell = cell_at(walls, q[0], q[1])
@@ -355,18 +366,19 @@ def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tup
             r = np.array([point[0] - place[0], point[1] - place[1], point[2] - place[2] - p[_CG]])
             speed, yields = _at(i, state, r, n)
             if speed >= 0.0:
-                return depth, 0.0
+                return depth, False
             v = state.velocity[i]
             total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
             impulse = -(1.0 + (RESTITUTION if speed < -_GENTLE_MPS else 0.0)) * speed / yields
             _push(i, state, r, n, impulse, step_s)
+            hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), GENTLE
             if speed >= -_GENTLE_MPS:
-                return depth, 0.0
+                return depth, True
             _lose(i, state, n, place[0], place[1], math.inf, impulse / p[_MASS])
-            hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), 0.5 * p[_MASS] * total
+            hit[ENERGY] = 0.5 * p[_MASS] * total
             hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
-            return depth, math.sqrt(total)
-    return 0.0, 0.0
+            return depth, True
+    return 0.0, False
 
 
 @kernel
@@ -427,9 +439,9 @@ def touch(
         if travelled <= pair_due[k]:
             continue
         i, j = pairs[k, 0], pairs[k, 1]
-        push, speed = _meet(i, j, state, step_s, hits[count])
+        push, met = _meet(i, j, state, step_s, hits[count])
         longest = max(longest, push)
-        if speed > 0.0:
+        if met:
             hits[count + 1] = hits[count]
             hits[count + 1, WHO], hits[count + 1, WITH] = j, i
             count += 2
@@ -441,9 +453,9 @@ def touch(
             i = order[k]
             if travelled <= wall_due[i]:
                 continue
-            push, speed = _strike(i, walls, state, step_s, hits[count])
+            push, met = _strike(i, walls, state, step_s, hits[count])
             longest = max(longest, push)
-            if speed > 0.0:
+            if met:
                 count += 1
             p = state.shape[state.airframe[i]]
             state.floor[i], free = around(walls, state.position[i], p[_RADIUS], p[_HEIGHT])

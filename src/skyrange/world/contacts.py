@@ -16,7 +16,7 @@ from skyrange.agent.messages import Note
 from skyrange.city.walls import NO_WALLS
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import collisions
-from skyrange.world.collisions import ENERGY, NEAR_M, SPEED, WHO, WITH, Bodies, Floats
+from skyrange.world.collisions import ENERGY, GENTLE, NEAR_M, SPEED, WHO, WITH, Bodies, Floats
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -76,8 +76,11 @@ class Contacts:
             who, other = int(hit[WHO]), int(hit[WITH])
             key = (who, other if other >= 0 else _WALL)
             last = self._touched.get(key)
-            self._touched[key] = now
-            if last is not None and now - last <= APART_NS:
+            goes_on = last is not None and now - last <= APART_NS
+            gentle = hit[ENERGY] == GENTLE
+            if goes_on or not gentle:
+                self._touched[key] = now
+            if goes_on or gentle:
                 continue
             data = {
                 "with": self._vehicles[other] if other >= 0 else f"building:{-1 - other}",

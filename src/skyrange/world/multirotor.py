@@ -6,7 +6,9 @@ others share the arrays.
 
 Model (Mahony, Kumar & Corke, "Multirotor Aerial Vehicles", IEEE RAM 19(3), 2012):
 thrust k·ω² along body up, drag torque `arm`·thrust against each rotor's spin, rotor drag in the rotor's
-plane, quadratic body drag, gravity, Euler's equation with a diagonal inertia. Left out: rotor inertia, loss
+plane, quadratic body drag, gravity, Euler's equation with a diagonal inertia. Drag on rotation: about each axis as if
+the body's drag area sat where the rotors are, ½·ρ·area·arm³·|Ω|·Ω, nothing in flight but what ends a tumble's
+spinning up (near 60 rad/s, where ArduPilot's SIM_Frame.cpp has 4 turns a second by a linear law). Left out: rotor inertia, loss
 of thrust with inflow, ground effect, blade flapping moments.
 
 Integration. Rotor speed: the exact solution of the first-order lag for a command held over the quantum.
@@ -46,8 +48,10 @@ _REARM_M = 0.05  # height to be left before a touchdown counts as another one
 _LEVEL_TAU_S = 0.1  # how fast the gear brings a standing aircraft level
 _STILL = 1e-6  # a decay ends here (rad/s, rad): subnormal numbers would slow the machine tenfold
 
+_ROUND = 1e-8  # its square is below a double's precision
+
 _MASS, _PER_MASS, _JX, _JY, _JZ, _PER_JX, _PER_JY, _PER_JZ, _THRUST, _ARM, _LAG_UP, _LAG_DOWN = range(12)
-_LINEAR, _EXPO, _ROTOR_DRAG, _BODY_DRAG, _STANCE, _TIP_COS, _FRICTION, _LEFT = range(12, 20)
+_LINEAR, _EXPO, _ROTOR_DRAG, _BODY_DRAG, _STANCE, _TIP_COS, _FRICTION, _SPIN_DRAG, _LEFT = range(12, 21)
 _FORWARD, _SPIN = _LEFT + MOTORS, _LEFT + 2 * MOTORS  # blocks of one number per rotor, as _LEFT
 
 
@@ -69,6 +73,7 @@ def parameter_row(airframe: Airframe, step_s: float) -> list[float]:
         airframe.gear_half_track_m,
         math.cos(airframe.tip_angle_rad),
         airframe.friction,
+        0.5 * AIR_DENSITY_KGM3 * airframe.drag_area_m2 * airframe.arm_m**3,
         *(rotor.left_m for rotor in airframe.rotors),
         *(rotor.forward_m for rotor in airframe.rotors),
         *(rotor.spin for rotor in airframe.rotors),
@@ -221,6 +226,10 @@ def advance(
             py += 0.5 * (vy + nvy) * step_s
             vx, vy, vz = nvx, nvy, nvz
 
+            torque_x -= p[_SPIN_DRAG] * abs(wx) * wx
+            torque_y -= p[_SPIN_DRAG] * abs(wy) * wy
+            torque_z -= p[_SPIN_DRAG] * abs(wz) * wz
+
             # rates: midpoint rule on Euler's equation, then what the stance takes
             half = 0.5 * step_s
             mx = wx + half * (torque_x - (jz - jy) * wy * wz) * per_jx
@@ -262,7 +271,8 @@ def advance(
             ny = qy * c + qw * ty + qz * tx - qx * tz
             nz = qz * c + qw * tz + qx * ty - qy * tx
             # 1/sqrt(1 + x) is 1 - x/2 for an x that is rounding and a truncated series' rest
-            norm = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
+            square = nw * nw + nx * nx + ny * ny + nz * nz
+            norm = 1.5 - 0.5 * square if abs(square - 1.0) < _ROUND else 1.0 / math.sqrt(square)
             qw, qx, qy, qz = nw * norm, nx * norm, ny * norm, nz * norm
 
         moved_x, moved_y, moved_z = px - before[i, 0], py - before[i, 1], pz - before[i, 2]

@@ -207,6 +207,9 @@ TUNING: Final[Mapping[str, Mapping[str, float]]] = {
     # The Iris has a quarter of the yaw authority that ArduCopter's defaults are meant for (4 rad/s² at full
     # yaw): the rate loop is closed tighter and asked for less, as a tuned aircraft's parameter file would.
     "iris": {"ATC_RAT_YAW_P": 1.5, "ATC_RAT_YAW_I": 0.15, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 6000},
+    # Full yaw turns these two at 16 and 6.8 rad/s²: the rate loop closed at about 6 rad/s, as the Iris's.
+    "hummingbird": {"ATC_RAT_YAW_P": 0.4, "ATC_RAT_YAW_I": 0.04, "ATC_RAT_YAW_FLTE": 20},
+    "x500": {"ATC_RAT_YAW_P": 0.9, "ATC_RAT_YAW_I": 0.09, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 10000},
 }
 """What differs from the defaults by airframe."""
 
