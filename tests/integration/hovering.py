@@ -5,7 +5,8 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from skyrange.codec.mavlink import dialect
+from skyrange.codec.mavlink import Packer, dialect
+from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import Range
 
@@ -38,16 +39,31 @@ def put(r: Range, name: str, value: float) -> None:
     r.engines[0]._fleet.settings[name] = value
 
 
+class _Believing(Fleet):
+    """A fleet whose estimate is what a test says, whatever the estimator writes at every tick."""
+
+    held: dict[str, Any]
+
+    @property
+    def estimate(self) -> Any:  # type: ignore[override]
+        records = self.__dict__["estimated"]
+        for name, value in self.held.items():
+            records[name] = value
+        return records
+
+
 def believe(r: Range, **fields: Any) -> None:
-    """Set what the estimator says."""
-    for name, value in fields.items():
-        r.engines[0]._fleet.estimate[name] = value
+    """Set what the estimator says, from now on."""
+    fleet = r.engines[0]._fleet
+    if not isinstance(fleet, _Believing):
+        fleet.__dict__["estimated"] = fleet.__dict__.pop("estimate")
+        fleet.__class__ = _Believing
+        fleet.held = {}
+    fleet.held.update(fields)
 
 
 def beat(r: Range, system: int = 255) -> None:
     """A ground station's heartbeat, now."""
-    from skyrange.codec.mavlink import Packer
-
     message = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
     r.send_bytes(V, Packer(system, 190).pack(message))
     r.run(0.01)

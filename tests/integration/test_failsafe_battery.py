@@ -1,4 +1,4 @@
-"""A low battery: AP_BattMonitor `update_failsafes`, `check_failsafes`, ArduCopter/events.cpp `handle_battery_failsafe`."""
+"""A low battery: AP_BattMonitor `update_failsafes`, `check_failsafes`, ArduCopter `handle_battery_failsafe`."""
 
 from __future__ import annotations
 

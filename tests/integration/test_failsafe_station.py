@@ -1,4 +1,4 @@
-"""A lost ground station: ArduCopter/events.cpp `failsafe_gcs_check`, `failsafe_gcs_on_event`, `failsafe_gcs_off_event`."""
+"""A lost ground station: ArduCopter/events.cpp `failsafe_gcs_check`, `failsafe_gcs_on_event`, `…_off_event`."""
 
 from __future__ import annotations
 

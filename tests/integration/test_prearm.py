@@ -1,4 +1,4 @@
-"""Pre-arm checks: libraries/AP_Arming/AP_Arming.cpp, ArduCopter/AP_Arming_Copter.cpp, libraries/AC_Fence `pre_arm_check`."""
+"""Pre-arm checks: AP_Arming.cpp, ArduCopter/AP_Arming_Copter.cpp, AC_Fence.cpp `pre_arm_check`."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def refused(r: Range, forced: bool = False) -> list[str]:
         ({"gnss_fix": 1}, ["GPS 1: Bad fix"]),
         ({"gnss_age_s": 5.0}, ["GPS 1: Bad fix"]),
         ({"gnss_hdop": 1.5}, ["High GPS HDOP"]),
-        ({"gnss_pos": (11.0, 0.0, 0.0)}, ["GPS and AHRS differ by 11.0m"]),
+        ({"gnss_pos": (11.0, 0.0, 0.0), "pos": (0.0, 0.0, 0.0)}, ["GPS and AHRS differ by 11.0m"]),
         ({"status": GOOD & ~(16 | 512)}, ["Need Position Estimate"]),
         ({"status": 1024}, ["Need Alt Estimate", "EKF attitude is bad", "AHRS: EKF3 still initialising"]),
         ({"status": GOOD & ~32}, ["Need Alt Estimate"]),

@@ -59,6 +59,10 @@ def ideal_estimate(
             e.pos[axis] = position[i, axis]
             e.vel[axis] = velocity[i, axis]
             e.rate[axis] = gyro[i, axis]
+            e.gnss_pos[axis] = position[i, axis]
+            e.gnss_vel[axis] = velocity[i, axis]
+            e.imu_accel[axis] = accel[i, axis]
+        e.baro_up = position[i, 2]
         e.quat[0] = w
         e.quat[1] = x
         e.quat[2] = y

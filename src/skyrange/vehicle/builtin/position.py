@@ -38,7 +38,7 @@ def known(fleet: Fleet, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         (status & (_ABS | _PRED_ABS) != 0) | (reckons & (status & _PRED_REL != 0)),
     )
     finite = np.isfinite(fleet.estimate["pos"][rows]).all(axis=1) & np.isfinite(fleet.estimate["vel"][rows]).all(axis=1)
-    return good & finite & (watch["ekf_lost"][rows] == 0)
+    return np.asarray(good & finite & (watch["ekf_lost"][rows] == 0))
 
 
 def height_known(fleet: Fleet, rows: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -50,11 +50,14 @@ _ALT_HOLD: Final = 2
 def has_position(e: Any, f: Any, w: Any) -> bool:
     """`ekf_has_relative_position() || ekf_has_absolute_position()`."""
     reckons = w.reckoning == 1 and w.reckoning_over == 0
+    absolute, relative = _ABS, _REL
     if f.armed == 0:
-        return e.status & (_ABS | _PRED_ABS) != 0 or (reckons and e.status & _PRED_REL != 0)
-    if e.status & _CONST != 0:
+        absolute |= _PRED_ABS
+        relative = _PRED_REL
+    elif e.status & _CONST != 0:
         return False
-    return e.status & _ABS != 0 or (reckons and e.status & _REL != 0)
+    there: bool = e.status & absolute != 0 or (reckons and e.status & relative != 0)
+    return there
 
 
 @kernel
