@@ -101,7 +101,7 @@ class Range:
         for engine, rows in zip(self.engines, self.bounds, strict=True):
             done = engine.finish(self.now, 1.0)
             self.world.actuate(rows, done.actuators)
-            for port, payload, causes in done.outbox.departures:
+            for port, payload, causes in done.outbox.each(engine.ports):
                 vehicle = port.endpoint.rsplit(".", 1)[0]
                 self.frames[vehicle].append(payload)
                 self.said.append(Said(self.seconds, vehicle, decode(payload), causes))

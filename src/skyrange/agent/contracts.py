@@ -13,6 +13,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Inbox, Note, Outbox
 from skyrange.agent.verdicts import Label, Verdict
@@ -155,6 +156,10 @@ class Observer(Protocol):
 
     def on_frame(self, frame: Frame) -> None:
         """A frame reached its fate: delivered, lost, dropped, replaced, or still in flight at the end."""
+        ...
+
+    def on_block(self, block: FrameBlock) -> None:
+        """Many frames reached their fate; `for frame in block.frames(): self.on_frame(frame)` is enough."""
         ...
 
     def on_note(self, now: Time, source: str, note: Note) -> None:

@@ -142,6 +142,12 @@ class Packer:
         self.component = component
         self.sequence = 0
 
+    def skip(self) -> int:
+        """Take the next sequence number, for a frame that is made elsewhere."""
+        sequence = self.sequence
+        self.sequence = (sequence + 1) & 0xFF
+        return sequence
+
     def pack(self, message: Message) -> bytes:
         """The frame of `message`, which is left as it was; `ValueError` names a field that does not fit."""
         number: int = type(message).id  # not message.id: a field of STATUSTEXT, BATTERY_STATUS and others
@@ -156,8 +162,7 @@ class Packer:
         except (struct.error, OverflowError, TypeError) as error:
             raise ValueError(f"{layout.cls.msgname} {describe(message)}: {error}") from error
         body = body.rstrip(b"\0") or b"\0"  # the first byte always stays (serialization, "payload truncation")
-        sequence = self.sequence
-        self.sequence = (sequence + 1) & 0xFF
+        sequence = self.skip()
         covered = (
             pack_header_v2(
                 MAGIC_V2, len(body), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16

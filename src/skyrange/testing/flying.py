@@ -116,7 +116,7 @@ class Flight:
             raise Broken(f"finish({now}) raised {error!r}", "a Finished") from error
         if not isinstance(finished, Finished):
             raise Broken(f"finished with {short(finished)}", "a Finished", "finishes")
-        contents = said(finished.outbox)
+        contents = said(finished.outbox, tuple(engine.ports))
         check_finished(engine, finished)
         if look is not None:
             look(engine, finished, contents)

@@ -15,6 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.agent.payloads import Payloads
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Time
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
@@ -272,9 +273,12 @@ class Schedule:
         rows, columns = np.nonzero(due)
         self.due[due] += self.period[due]
         fleet.locate(np.flatnonzero(due[:, _LOCATED].any(axis=1)))
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            craft = fleet.crafts[row]
-            fleet.send(craft, _IN_ORDER[column](fleet, craft))
+        crafts = fleet.crafts
+        payloads = [
+            crafts[row].packer.pack(_IN_ORDER[column](fleet, crafts[row]))
+            for row, column in zip(rows.tolist(), columns.tolist(), strict=True)
+        ]
+        fleet.outbox.send_block(rows, Payloads.of(payloads))
 
 
 _IN_ORDER: Final = tuple(BUILDERS.values())
