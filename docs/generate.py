@@ -98,6 +98,7 @@ _SECTIONS = (
     ("Link", "`[[links]]`"),
     ("Operator", "`[[operators]]`"),
     ("Vehicle", "`[[operators.vehicles]]`"),
+    ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),

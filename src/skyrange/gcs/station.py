@@ -33,7 +33,10 @@ MAX_SYSTEM_ID = 250
 
 
 class GroundStation:
-    """The ground station of one operator (endpoint `<operator>.gcs`, MAVLink 255/190)."""
+    """The ground station of one operator (endpoint `<operator>.gcs`, MAVLink 255/190 in every network).
+
+    Aircraft are told apart by link and system id, so it serves any number of MAVLink networks.
+    """
 
     def __init__(
         self,
@@ -187,7 +190,7 @@ class GroundStation:
 def _check(operator: str, flights: Sequence[Flight], streams: str) -> None:
     faults: list[Fault] = []
     vehicles: set[str] = set()
-    systems: set[int] = set()
+    systems: set[tuple[int, int]] = set()
     if streams not in PROFILES:
         faults.append(Fault("streams", repr(streams), "a stream profile", nearest(streams, PROFILES)))
     for flight in flights:
@@ -195,10 +198,11 @@ def _check(operator: str, flights: Sequence[Flight], streams: str) -> None:
             faults.append(Fault("vehicle", repr(flight.vehicle), f"an aircraft of operator {operator!r}"))
         if flight.vehicle in vehicles:
             faults.append(Fault("vehicle", repr(flight.vehicle), "an id that occurs once"))
-        if flight.system_id in systems or not 1 <= flight.system_id <= MAX_SYSTEM_ID:
-            expected = f"a system id in 1…{MAX_SYSTEM_ID} that occurs once"
+        address = (flight.network, flight.system_id)
+        if address in systems or not 1 <= flight.system_id <= MAX_SYSTEM_ID:
+            expected = f"a system id in 1…{MAX_SYSTEM_ID} that occurs once in its network"
             faults.append(Fault(f"{flight.vehicle}.system_id", str(flight.system_id), expected))
         vehicles.add(flight.vehicle)
-        systems.add(flight.system_id)
+        systems.add(address)
     if faults:
         raise InputError(f"ground station of {operator}", faults)
