@@ -78,8 +78,10 @@ class World:
         self.city = city
         self._now: Time | None = None
         self._step_s = step_s
-        self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name], step_s) for name in names])
+        self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name]) for name in names])
         self._airframe = np.array([names.index(body.airframe) for body in bodies], dtype=np.int64)
+        motors = np.array([multirotor.motor_rows(airframe, step_s) for airframe in self.airframes])
+        self._motors = tuple(np.repeat(motors[:, k : k + 1], MOTORS, axis=1) for k in range(3))
         self._position = np.array([(b.east_m, b.north_m, b.up_m) for b in bodies], dtype=np.float64)
         self._velocity = np.zeros((n, 3))
         self._attitude = np.zeros((n, 4))
@@ -136,9 +138,11 @@ class World:
             self._step_s,
             self._parameters,
             self._airframe,
+            *self._motors,
             self._air,
             self._floor,
             self._limit,
+            self._alive,
             self._commands,
             self._position,
             self._velocity,
@@ -208,7 +212,7 @@ class World:
             self._gusted is None or start // turbulence.GUST_NS > self._gusted // turbulence.GUST_NS
         ):
             self._gust(start)
-        events = multirotor.advance(1, *self._arguments)
+        events = multirotor.advance(*self._arguments)
         if end // battery.BATTERY_NS > self._drawn // battery.BATTERY_NS:
             self._discharge((end - self._drawn) / NS_PER_S)
             self._drawn = end
