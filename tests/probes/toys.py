@@ -175,7 +175,20 @@ class Bodies:
         zeros = np.zeros((n, 3))
         whole = np.zeros(n, dtype=np.int64)
         return Sensors(
-            zeros, zeros, np.zeros((n, 4)), zeros, zeros, height, height, zeros, zeros, whole, whole, whole, height, height
+            zeros,
+            zeros,
+            np.zeros((n, 4)),
+            zeros,
+            zeros,
+            height,
+            height,
+            zeros,
+            zeros,
+            whole,
+            whole,
+            whole,
+            height,
+            height,
         )
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:

@@ -145,9 +145,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
         rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
         if len(members) == len(bodies):
             rows = slice(None)  # views instead of copies
-        engine = find(AUTOPILOTS, kind)(
-            kind, [spec for _, spec in members], datum, scenario.epoch, chance
-        )
+        engine = find(AUTOPILOTS, kind)(kind, [spec for _, spec in members], datum, scenario.epoch, chance)
         mounts.append(EngineMount(engine, rows))
     return world, mounts
 

@@ -102,17 +102,17 @@ class Sensing:
             sensor_models.read_ideal(now, attitude, self._field, self._compass, self._time)
             return
         fix = (self._gnss, self._gnss_vel, self._accuracy, self._fix, self._satellites, self._time)
-        drawn = (self._bias, self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time)
+        kept = (self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time)
         if not self._started:
             self._started = True
-            sensor_models.start(now, self._level, self._seed, self._who, position, *drawn, *fix)
+            sensor_models.start(now, self._level, self._seed, self._who, position, self._bias, *kept, *fix)
         slot = now // sensor_models.IMU_PERIOD_NS
         if slot != self._slot:
             self._slot = slot
-            bias, *rest = drawn
             sensor_models.draw(
                 slot * sensor_models.IMU_PERIOD_NS, self._level, self._seed, self._who, self._commands, position,
-                velocity, attitude, self._field, bias, self._error, *rest, *fix, self._baro, self._range, self._compass,
+                velocity, attitude, self._field, self._bias, self._error, *kept, *fix, self._baro, self._range,
+                self._compass,
             )  # fmt: skip
         sensor_models.read_inertial(rates, force, self._error, self._gyro, self._force)
 
