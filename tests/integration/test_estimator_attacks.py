@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -99,7 +100,7 @@ def test_untouched_it_holds_its_place_and_says_so(hovering: Range) -> None:
     assert not (rows["status"] & Status.GPS_GLITCHING).any()
     assert rows["resets"].max() == 0
     assert max(rows[name].max() for name in ("vel_ratio", "pos_ratio", "hgt_ratio", "mag_ratio")) < 0.5
-    assert rows["dead_reckoning"].max() == 0 or watch.notes() == []
+    assert watch.notes() == []
 
 
 def test_a_jump_with_the_old_velocity_is_rejected_for_ten_seconds_and_then_believed(hovering: Range) -> None:
@@ -158,12 +159,11 @@ def test_a_slow_drift_without_velocity_drags_it_too_but_shows_in_the_innovations
 
 def test_a_fast_drift_without_velocity_leaves_the_gate_and_comes_back_in_steps(hovering: Range) -> None:
     watch = Watch(hovering, ramp(6.0, honest=False), 40.0)
-    resets = [
-        t for t, a, b in zip(watch.times[1:], watch.rows, watch.rows[1:], strict=False) if b["resets"] > a["resets"]
-    ]
+    counts = [int(row["resets"]) for row in watch.rows]
+    resets = [t for t, (a, b) in zip(watch.times[1:], pairwise(counts), strict=True) if b > a]
     assert len(resets) >= 2
     assert watch.first(lambda e: bool(e["status"] & Status.GPS_GLITCHING)) < resets[0]
-    assert all(later - sooner > 7.0 for sooner, later in zip(resets, resets[1:], strict=False))
+    assert all(later - sooner > 7.0 for sooner, later in pairwise(resets))
 
 
 def test_an_outage_is_flown_through_if_it_is_short(hovering: Range) -> None:

@@ -17,13 +17,7 @@ VEHICLES = 12
 
 def fleet() -> list[VehicleSpec]:
     return [
-        VehicleSpec(
-            vehicle=f"blue/b{i}",
-            system_id=i + 1,
-            airframe="iris",
-            home_enu_m=(50.0 * i, 0.0, 0.0),
-            heading_deg=30.0 * i,
-        )
+        VehicleSpec(f"blue/b{i}", i + 1, "iris", home_enu_m=(50.0 * i, 0.0, 0.0), heading_deg=30.0 * i)
         for i in range(VEHICLES)
     ]
 

@@ -1,4 +1,4 @@
-"""Whatever sensors say, every number of the estimator stays finite, its attitude a rotation, and other rows untouched."""
+"""Whatever sensors say: every number of the estimator stays finite, attitude a rotation, other rows untouched."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from tests.integration.flight_harness import Range
 NAMES = [field.name for field in fields(Sensors) if field.name != "attitude"]
 WILD = st.sampled_from([np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 1e9, -1e4, 0.0, 3.0, -0.5])
 WHOLE = st.sampled_from([0, 1, 3, 6, -1, 2**63 - 1, -(2**63), 10**9, 255])
+NAMED = [parameter.name for parameter in PARAMETERS if parameter.name.startswith("EK3_")]
 LIES = st.lists(st.tuples(st.sampled_from(NAMES), st.integers(0, 2), WILD, WHOLE), min_size=1, max_size=8)
 
 
@@ -79,11 +80,7 @@ def test_no_reading_poisons_the_state(aloft: Range, lies: list[tuple[str, int, f
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
-    st.lists(
-        st.tuples(st.sampled_from([p.name for p in PARAMETERS if p.name.startswith("EK3_")]), WILD),
-        min_size=1,
-        max_size=6,
-    )
+    st.lists(st.tuples(st.sampled_from(NAMED), WILD), min_size=1, max_size=6),
 )
 def test_no_parameter_does_either(aloft: Range, asked: list[tuple[str, float]]) -> None:
     fly = copy.deepcopy(aloft)

@@ -12,6 +12,7 @@ import pytest
 from skyrange.agent.contracts import Sensors
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
+from skyrange.core.ids import hash64
 from skyrange.world import Body, SensorSpec, World
 from skyrange.world import sensor_models as models
 from skyrange.world.magnetism import field_at
@@ -42,7 +43,7 @@ def flown(world: World, seconds: float, every_ns: int) -> dict[str, np.ndarray]:
 
 
 def test_deviates_have_mean_0_variance_1_and_are_independent() -> None:
-    """4e4 draws of 6: mean within 4/sqrt(n), variance within 4 sqrt(2/n), kurtosis that of three uniforms, 2.6 (4 standard errors)."""
+    """4e4 draws of 6, within 4 standard errors: kurtosis is that of three uniforms, 2.6."""
     seed, stream, who, zero = (np.uint64(x) for x in (5, 6, 7, 0))
     z = np.array([models.normal6(seed, stream, who, when, zero) for when in range(40_000)])
     assert np.abs(z.mean(axis=0)).max() < 0.02
@@ -97,20 +98,19 @@ def test_gnss_wanders_with_its_correlation_time() -> None:
 
 
 def test_the_receiver_loses_its_fix_now_and_then() -> None:
-    """2000 hours of bins: chance within 10 %, a length in its bounds, no position and no new time meanwhile."""
+    """100 hours of bins: chance within 25 %, a length in its bounds, no new time meanwhile."""
     bins = 720_000
     seed, who = np.uint64(3), np.uint64(9)
     out = 0
-    for start in range(0, bins // 20):
+    for start in range(bins // 20):
         at = start * models.OUTAGE_BIN_NS
         out += any(models.in_outage(seed, who, at + k * 400_000_000, 1.0) for k in range(25))
     assert out / (bins / 20) == pytest.approx(models.OUTAGE_CHANCE, rel=0.25)
+    me = np.uint64(hash64("blue/b0"))
     lost_bin = next(
         b * models.OUTAGE_BIN_NS
         for b in range(10_000)
-        if models.in_outage(
-            np.uint64(11), np.uint64(standing(1)._sensing._who[0]), b * models.OUTAGE_BIN_NS + 5_000_000_000, 1.0
-        )
+        if models.in_outage(np.uint64(11), me, b * models.OUTAGE_BIN_NS + 5_000_000_000, 1.0)
     )
     sensing = standing(1)._sensing
     fixes, ages = [], []
@@ -165,7 +165,7 @@ def test_an_aircrafts_readings_depend_on_no_other_and_a_copy_goes_on_alike() -> 
 def test_the_field_is_the_world_magnetic_models(
     lat: float, lon: float, declination: float, inclination: float, gauss: float
 ) -> None:
-    """NOAA's calculator for WMM2020, mid-2020s, rounded; within 3 degrees and 6 % for what is cut off after degree 4."""
+    """NOAA's calculator for WMM2020, rounded; within 3 degrees and 6 % for what is cut off after degree 4."""
     east, north, up = field_at(Origin(lat, lon, 0.0, 0.0))
     assert math.degrees(math.atan2(east, north)) == pytest.approx(declination, abs=3.0)
     assert math.degrees(math.atan2(-up, math.hypot(east, north))) == pytest.approx(inclination, abs=3.0)

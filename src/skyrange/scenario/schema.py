@@ -147,14 +147,6 @@ class Sensors(Model):
     )
 
 
-class Sensors(Model):
-    """How good the sensors of every aircraft are."""
-
-    noise: Number = Field(
-        default=1.0, ge=0, le=10, description="Factor on every error of the sensors: 1 usual, 0 ideal sensors."
-    )
-
-
 class Record(Model):
     """What is written down how often, beside every frame, decision and event."""
 

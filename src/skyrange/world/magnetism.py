@@ -13,13 +13,12 @@ from typing import Final
 
 from skyrange.core.geodesy import Origin
 
-_REFERENCE_RADIUS_KM: Final = 6371.2
-_MEAN_RADIUS_KM: Final = 6371.2  # on the sphere: height and the Earth's flattening are below what is cut off
 _G: Final = {  # nT, WMM2020.COF, epoch 2020.0: (g, h) by degree and order
     (1, 0): (-29404.5, 0.0), (1, 1): (-1450.7, 4652.9),
     (2, 0): (-2500.0, 0.0), (2, 1): (2982.0, -2991.6), (2, 2): (1676.8, -734.8),
     (3, 0): (1363.9, 0.0), (3, 1): (-2381.0, -82.2), (3, 2): (1236.2, 241.8), (3, 3): (525.7, -542.9),
-    (4, 0): (903.1, 0.0), (4, 1): (809.4, 282.0), (4, 2): (86.2, -158.4), (4, 3): (-309.4, 199.8), (4, 4): (47.9, -350.1),
+    (4, 0): (903.1, 0.0), (4, 1): (809.4, 282.0), (4, 2): (86.2, -158.4), (4, 3): (-309.4, 199.8),
+    (4, 4): (47.9, -350.1),
 }  # fmt: skip
 _DEGREE: Final = 4
 _GAUSS_PER_NT: Final = 1e-5
@@ -33,14 +32,13 @@ def field_at(origin: Origin) -> Field:
     colatitude = math.radians(90.0 - origin.lat_deg)
     longitude = math.radians(origin.lon_deg)
     cosine, sine = math.cos(colatitude), max(math.sin(colatitude), 1e-9)
-    value, slope = _legendre(cosine, sine)
+    value, slope = _legendre(cosine, sine)  # at the reference radius: height and flattening are below what is cut off
     north = east = up = 0.0
     for (n, m), (g, h) in _G.items():
-        scale = (_REFERENCE_RADIUS_KM / _MEAN_RADIUS_KM) ** (n + 2)
         turn = g * math.cos(m * longitude) + h * math.sin(m * longitude)
-        north += scale * turn * slope[n, m]
-        east += scale * m * (g * math.sin(m * longitude) - h * math.cos(m * longitude)) * value[n, m] / sine
-        up += scale * (n + 1) * turn * value[n, m]
+        north += turn * slope[n, m]
+        east += m * (g * math.sin(m * longitude) - h * math.cos(m * longitude)) * value[n, m] / sine
+        up += (n + 1) * turn * value[n, m]
     return east * _GAUSS_PER_NT, north * _GAUSS_PER_NT, up * _GAUSS_PER_NT
 
 

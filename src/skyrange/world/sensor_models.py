@@ -51,14 +51,14 @@ GNSS_WHITE_M: Final = 0.05
 GNSS_SPEED_MPS: Final = 0.05
 """[U] velocity accuracy, 50 % at 30 m/s; the white part of position is what that leaves between two fixes."""
 GNSS_ACCURACY: Final = (1.5, 2.5, 0.2)
-"""What the receiver claims: horizontal m, vertical m, speed m/s; of the size that u-blox receivers claim under open sky."""
+"""What the receiver claims: horizontal m, vertical m, speed m/s; the size that u-blox receivers claim in the open."""
 GNSS_SATELLITES: Final = 10
 """[S] SIM_GPS1_NUMSATS."""
 OUTAGE_BIN_NS: Final = 10 * NS_PER_S
 OUTAGE_CHANCE: Final = 0.005
 OUTAGE_MIN_S: Final = 0.4
 OUTAGE_MAX_S: Final = 3.0
-"""A loss of the fix about every half hour, for up to 3 s: no data sheet says, this is what flight logs in town look like."""
+"""A loss of the fix about every half hour, for up to 3 s. An assumption: no data sheet gives it."""
 FIX_NONE: Final = 1
 FIX_3D: Final = 3
 FIX_RTK: Final = 6

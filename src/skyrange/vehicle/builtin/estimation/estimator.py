@@ -97,11 +97,8 @@ def begin(
         show_lean(e)
         k.turn[0], k.turn[1], k.turn[2] = _START_YAW_RAD * _START_YAW_RAD, 0.0, _START_BIAS_RADPS * _START_BIAS_RADPS
 
-        h_acc, v_acc, s_acc = (
-            claimed(accuracy[i, 0], 100.0),
-            claimed(accuracy[i, 1], 100.0),
-            claimed(accuracy[i, 2], 50.0),
-        )
+        h_acc, v_acc = claimed(accuracy[i, 0], 100.0), claimed(accuracy[i, 1], 100.0)
+        s_acc = claimed(accuracy[i, 2], 50.0)
         k.pos_acc = max(h_acc, p.EK3_POSNE_M_NSE)
         k.spd_acc = max(s_acc, p.EK3_VELNE_M_NSE)
         usable = fix[i] >= 3
@@ -211,7 +208,7 @@ def turn(
 
 @kernel
 def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
-    """After a filter step: let corrections in over EK3_TAU_OUTPUT, keep the attitude a rotation and biases in bounds."""
+    """After a filter step: let corrections in over EK3_TAU_OUTPUT, keep attitude a rotation and biases in bounds."""
     keep = 1.0 - step_s / max(clamp(0.01 * p.EK3_TAU_OUTPUT, 0.1, 0.5), step_s)
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     norm = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
@@ -249,8 +246,8 @@ class Estimator:
         fix = (s.gnss_fix, s.gnss_satellites, s.gnss_time_ns)
         if self._stepped is None:
             begin(
-                now, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m, s.compass_gauss, s.gnss_accuracy, *fix,
-                self._field, estimate, self.filters, settings,
+                now, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m, s.compass_gauss, s.gnss_accuracy,
+                *fix, self._field, estimate, self.filters, settings,
             )  # fmt: skip
             self._stepped = now - STEP_NS
             dt_s = 0.0

@@ -1,8 +1,8 @@
 """What does a GNSS fix change? Read it, test it against its gates, then fuse it, reject it, or be reset to it.
 
 NavEKF3_core::readGpsData (AP_NavEKF3_Measurements.cpp), FuseVelPosNED, ResetPosition and ResetVelocity
-(AP_NavEKF3_PosVelFusion.cpp). A fix is some tenths of a second old: it is compared with where the aircraft was then, and
-the correction is made to where it is now and to all that lies between, as EKF3 does with its delayed time horizon.
+(AP_NavEKF3_PosVelFusion.cpp). A fix is some tenths of a second old: it is compared with where the aircraft was then,
+and the correction is made to where it is now and to all that lies between, as EKF3 does with its delayed time horizon.
 """
 
 from __future__ import annotations

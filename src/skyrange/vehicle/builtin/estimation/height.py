@@ -1,7 +1,8 @@
 """What does the barometer change? Height and climb rate; and without aiding, the assumption of standing still.
 
-NavEKF3_core::selectHeightForFusion, the height part of FuseVelPosNED, and ResetHeight (AP_NavEKF3_PosVelFusion.cpp), with
-the barometer as the source of height (EK3_SRC1_POSZ 1). GNSS height is not used, as it is not there.
+NavEKF3_core::selectHeightForFusion, the height part of FuseVelPosNED, and ResetHeight
+(AP_NavEKF3_PosVelFusion.cpp), with the barometer as the source of height (EK3_SRC1_POSZ 1). GNSS height is not used,
+as it is not there.
 """
 
 from __future__ import annotations
