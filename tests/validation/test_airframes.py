@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from tests.validation.test_physics_multirotor import Flight
 
 from skyrange.vehicle.builtin.parameters import TUNING
 from skyrange.world import AIRFRAMES, Airframe
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2
-from tests.validation.test_physics_multirotor import Flight
 
 NAMES = sorted(AIRFRAMES)
 
@@ -89,7 +89,8 @@ def test_level_speed(name: str, tilt_deg: float):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_first_instant_of_a_roll(name: str):
-    """Right pair off, left pair doubled: dΩ/dt = Σ lever·thrust/J once the rotors are there; the first quantum, 1e-9."""
+    """Right pair off, left pair doubled: dΩ/dt = Σ lever·thrust/J once the rotors are there; the first quantum,
+    1e-9."""
     airframe = AIRFRAMES[name]
     share = airframe.hover_thrust
     thrust = np.array([share - 0.05, share + 0.05, share + 0.05, share - 0.05])
@@ -113,7 +114,8 @@ def test_a_tumble_ends_its_spinning_up(name: str):
 
 
 def test_the_struts_of_the_table():
-    """Motors numbered and spinning as ArduCopter's QUAD X; a cylinder that holds every propeller; tuning of real names."""
+    """Motors numbered and spinning as ArduCopter's QUAD X; a cylinder that holds every propeller; tuning of real
+    names."""
     for name, airframe in AIRFRAMES.items():
         assert airframe.name == name
         signs = [(math.copysign(1, r.forward_m), math.copysign(1, r.left_m), r.spin) for r in airframe.rotors]

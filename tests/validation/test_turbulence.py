@@ -1,7 +1,9 @@
-"""Are the gusts Dryden's? Variance, correlation and spectrum against MIL-F-8785C's formulas, tolerance by sample size."""
+"""Are the gusts Dryden's? Variance, correlation and spectrum against MIL-F-8785C's formulas, tolerance by sample
+size."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -78,7 +80,7 @@ def test_spectrum():
     power = np.abs(np.fft.rfft(gusts * window, axis=0)) ** 2 * STEP_S / (math.pi * (window**2).sum())
     omega = 2.0 * math.pi * np.fft.rfftfreq(steps, STEP_S)
     edges = np.geomspace(0.5, 20.0, 14)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         band = (omega >= low) & (omega < high)
         found = power[band].mean(axis=(0, 1))
         u, w = omega[band] * lu / SPEED_MPS, omega[band] * lw / SPEED_MPS
@@ -102,7 +104,9 @@ def test_long_run_does_not_depend_on_the_step():
     rng = np.random.default_rng(3)
     one = rng.standard_normal((n, 4))
     first, second = one[:, 0], 0.5 * one[:, 0] + 0.5 * one[:, 1]
-    stepped = np.array([turbulence._coloured(p, q, a, d, x, y) for p, q, (_, _, x, y) in zip(first, second, one)])
+    stepped = np.array(
+        [turbulence._coloured(p, q, a, d, x, y) for p, q, (_, _, x, y) in zip(first, second, one, strict=False)]
+    )
     assert np.cov(stepped.T) == pytest.approx(np.array([[1.0, 0.5], [0.5, 0.5]]), abs=0.03)
     # cov(p+, p) = a, cov(q+, p) = a·(1/2 + d)
     assert (stepped * first[:, None]).mean(axis=0) == pytest.approx([a, a * (0.5 + d)], abs=0.03)
@@ -128,7 +132,7 @@ def test_gusts_ride_on_the_steady_wind_and_push():
     assert np.mean(heard[-1]) == pytest.approx(6.0, abs=4.0 * su / 20.0)
     assert np.std(heard[-1]) == pytest.approx(su, rel=0.15)
     changes = [k for k in range(1, 401) if (heard[k] != heard[k - 1]).any()]
-    assert {b - a for a, b in zip(changes, changes[1:])} == {8}  # every 20 ms, held between
+    assert {b - a for a, b in itertools.pairwise(changes)} == {8}  # every 20 ms, held between
     assert np.ptp(world.truth()["vel_east_mps"]) > 0.05
 
 

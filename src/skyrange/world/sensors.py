@@ -115,8 +115,10 @@ class Sensing:
         if slot != self._slot:
             self._slot = slot
             sensor_models.draw(
-                slot * sensor_models.IMU_PERIOD_NS, self._level, self._seed, self._who, self._commands, position, height,
-                velocity, attitude, self._field, drawn[0], self._error, *drawn[1:], *fix, self._baro, self._range, self._compass,
+                slot * sensor_models.IMU_PERIOD_NS, self._level, self._seed, self._who, self._commands, position,
+                height,
+                velocity, attitude, self._field, drawn[0], self._error, *drawn[1:], *fix, self._baro, self._range,
+                self._compass,
             )  # fmt: skip
         sensor_models.read_inertial(rates, force, self._error, self._gyro, self._force)
 
