@@ -13,7 +13,6 @@ from typing import Any
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import to_seconds
-from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
 from skyrange.scenario.schema import Operator, Origin, Scenario, Start, Vehicle, path
@@ -28,8 +27,11 @@ APART_M = 40.0
 PER_OPERATOR = 250
 
 
-def fleet_scenario(vehicles: int, seconds: float) -> Scenario:
-    """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up."""
+def fleet_scenario(vehicles: int, seconds: float, load: str = "light") -> Scenario:
+    """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
+
+    `load` is the telemetry that ground stations ask for, a profile of `gcs.streams`.
+    """
     # a third more than the time asks for, because corners are cut
     path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
     # at most ten laps, so that a long flight has no longer upload than a short one
@@ -47,7 +49,7 @@ def fleet_scenario(vehicles: int, seconds: float) -> Scenario:
         for index in range(vehicles)
     ]
     operators = [
-        Operator(id=f"op{start // PER_OPERATOR + 1}", vehicles=tuple(fleet[start : start + PER_OPERATOR]))
+        Operator(id=f"op{start // PER_OPERATOR + 1}", streams=load, vehicles=tuple(fleet[start : start + PER_OPERATOR]))
         for start in range(0, vehicles, PER_OPERATOR)
     ]
     return Scenario(
@@ -58,7 +60,7 @@ def fleet_scenario(vehicles: int, seconds: float) -> Scenario:
     )
 
 
-def measure(vehicles: int, seconds: float) -> dict[str, Any]:
+def measure(vehicles: int, seconds: float, load: str = "light") -> dict[str, Any]:
     """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
 
     `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` the process's
@@ -69,7 +71,7 @@ def measure(vehicles: int, seconds: float) -> dict[str, Any]:
     """
     context = multiprocessing.get_context("spawn")  # a clean process: nothing of the caller's memory
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_worker, args=(sender, vehicles, seconds))
+    process = context.Process(target=_worker, args=(sender, vehicles, seconds, load))
     process.start()
     sender.close()
     try:
@@ -81,11 +83,11 @@ def measure(vehicles: int, seconds: float) -> dict[str, Any]:
     return row
 
 
-def _worker(answer: Connection, vehicles: int, seconds: float) -> None:
+def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str) -> None:
     base_mb = peak_memory_mb()
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        run = Run.start(fleet_scenario(vehicles, seconds), Path(folder) / "run")
+        run = Run.start(fleet_scenario(vehicles, seconds, telemetry), Path(folder) / "run")
         run.advance(WARM_UP_S)
         setup_s = time.perf_counter() - began
         with Sampler() as sampler:
@@ -101,7 +103,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float) -> None:
         row = {
             "vehicles": vehicles,
             "seconds": seconds,
-            "load": "light",
+            "load": telemetry,
             "real_time_factor": round(seconds / wall_s, 3),
             "cpu_s": round(cpu_s, 3),
             "memory_mb": round(peak_memory_mb(), 1),

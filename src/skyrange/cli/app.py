@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -48,6 +49,13 @@ def _complete_scenario(incomplete: str) -> list[str]:
     from skyrange.scenario.catalogue import SHIPPED
 
     return [name for name in SHIPPED if name.startswith(incomplete)]
+
+
+class Load(StrEnum):
+    """Telemetry profiles that the benchmark measures."""
+
+    LIGHT = "light"
+    OPERATOR = "operator"
 
 
 @app.command(epilog="Example: skyrange run squares --seed 7 --set 'operators.*.vehicles.*.plan.square.alt_m=8'")
@@ -139,7 +147,10 @@ def fleet(
         typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 1, 10, 100 and 1000."),
     ] = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 30.0,
+    load: Annotated[Load, typer.Option(help="Telemetry asked for: 8 frames a second, or what QGroundControl asks.")] = (
+        Load.LIGHT
+    ),
     as_json: AsJson = False,
 ) -> None:
     """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
-    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, as_json)
+    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, as_json)
