@@ -13,6 +13,7 @@ from typing import Any
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import to_seconds
+from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
 from skyrange.scenario.schema import Operator, Origin, Scenario, Start, Vehicle, path

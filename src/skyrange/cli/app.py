@@ -147,9 +147,9 @@ def fleet(
         typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 1, 10, 100 and 1000."),
     ] = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 30.0,
-    load: Annotated[Load, typer.Option(help="Telemetry asked for: 8 frames a second, or what QGroundControl asks.")] = (
-        Load.LIGHT
-    ),
+    load: Annotated[
+        Load, typer.Option(metavar="LOAD", help="Telemetry asked for: light, or operator, what QGroundControl asks.")
+    ] = Load.LIGHT,
     as_json: AsJson = False,
 ) -> None:
     """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
