@@ -244,7 +244,7 @@ def test_fixes_that_return_after_position_is_lost_are_believed_at_once(hovering:
 
 
 def test_uncertainty_beyond_the_glitch_radius_resets_to_the_fix(hovering: Range) -> None:
-    """A receiver that claims 20 m and 20 m/s: belief becomes unsure, beyond a radius of 1 m, not of the default 25 m."""
+    """A receiver that claims 20 m and 20 m/s: belief is unsure beyond a radius of 1 m, not of the default 25 m."""
 
     def tamper(after_s: float, sensors: Sensors) -> None:
         sensors.gnss_accuracy[:, 0] = 20.0
