@@ -253,17 +253,14 @@ def update(fleet: Fleet) -> None:
     watch["prearm_ok"][rows] = ~failing
 
 
-def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes, head: str = "Arm") -> bool:
-    """Run the checks for one craft now and say what fails, each text after `head`; `forced`, only the mandatory ones.
-
-    MAV_CMD_RUN_PREARM_CHECKS says it with "PreArm".
-    """
+def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
+    """Run the checks for a craft that is to be armed now and say what fails; `forced`, only the mandatory ones."""
     seen = view(fleet, np.array([craft.row]))
     few = forced or seen.bits[0] == 0
     found = _run(fleet, seen, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
     failing = any(bad[0] for reasons in found for bad, _ in reasons)
     if failing:
-        _tell(fleet, craft, 0, found, head, causes)
+        _tell(fleet, craft, 0, found, "Arm", causes)
     return not failing
 
 
