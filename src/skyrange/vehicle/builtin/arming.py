@@ -32,7 +32,8 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Warning: Arming Checks Disabled", causes)
     row = craft.row
     flight = fleet.flight
-    craft.home = fleet.position(craft)
+    if not craft.home_locked:
+        craft.home = fleet.position(craft)
     fleet.watch["home"][row] = craft.home
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1

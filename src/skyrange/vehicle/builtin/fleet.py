@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.messages import Outbox, Scalar
-from skyrange.codec.mavlink import Packer, dialect
+from skyrange.codec.mavlink import dialect
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
 from skyrange.vehicle.builtin.fence_zones import ZONES
 from skyrange.vehicle.builtin.layout import Control, Records
+from skyrange.vehicle.builtin.numbering import RowPacker
+from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
 from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
 
 Causes = tuple[FrameId, ...]
@@ -108,7 +110,7 @@ class Craft:
     row: int
     system_id: int
     port: Port
-    packer: Packer
+    packer: RowPacker
     home: tuple[float, float, float]
     """East, north, up of home in metres."""
     mode: int = 0
@@ -138,6 +140,12 @@ class Craft:
     params_next: int = 0
     bad_frames: int = 0
     ignored: int = 0
+    home_locked: bool = False
+    """Home was set by command: arming does not move it."""
+    erased: bool = False
+    """Its parameters were erased, which the next boot shows."""
+    unsaved: dict[int, float] = field(default_factory=dict)
+    """Parameters (by index) that were changed only until the next boot, and what they are then."""
 
     @property
     def sees_mission(self) -> bool:
@@ -164,8 +172,17 @@ class Fleet:
         self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
         self.now: Time = 0
         self.outbox = Outbox()
-        self._lat_lon: dict[int, tuple[int, int]] = {}
-        self._lat_lon_at: Time = NEVER
+        count = len(crafts)
+        self.actuators: NDArray[np.float64] = np.zeros((count, 4))
+        """(n, motors) the last commands, 0…1."""
+        self.stored: NDArray[np.float64] = np.zeros((count, len(PARAMETERS)))
+        """(n, parameters) what was written to each parameter; `param` and `settings` hold it inside its range."""
+        self.sequences: NDArray[np.int64] = crafts[0].packer.sequences
+        """(n,) the next frame's number."""
+        self.systems: NDArray[np.int64] = np.array([craft.system_id for craft in crafts], dtype=np.int64)
+        """(n,) MAVLink system ids in use."""
+        self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        """(n,) when each was switched on."""
 
     def send(self, craft: Craft, message: Any, causes: Causes = ()) -> None:
         """Pack and send one message from a craft."""
@@ -184,8 +201,9 @@ class Fleet:
         self.timers[craft.row, timer] = at
 
     def param(self, craft: Craft, name: str) -> float:
-        """A parameter's value in its own unit."""
-        return float(self.settings[name][craft.row])
+        """A parameter's value in its own unit, inside its range."""
+        index = INDEX[name]
+        return min(max(float(self.stored[craft.row, index]), float(LOW[index])), float(HIGH[index]))
 
     def armed(self, craft: Craft) -> bool:
         """Whether the motors may turn."""
@@ -203,22 +221,6 @@ class Fleet:
         """Where it believes to be, ENU metres."""
         east, north, up = self.estimate["pos"][craft.row].tolist()
         return east, north, up
-
-    def locate(self, rows: NDArray[np.int64]) -> None:
-        """Work out latitude and longitude of some rows, for `lat_lon_e7` at this moment."""
-        if self._lat_lon_at != self.now:
-            self._lat_lon.clear()
-            self._lat_lon_at = self.now
-        here = self.estimate["pos"][rows]
-        lat, lon = self.origin.to_geodetic(here[:, 0].copy(), here[:, 1].copy())
-        lat_e7, lon_e7 = np.rint(lat * 1e7).astype(int).tolist(), np.rint(lon * 1e7).astype(int).tolist()
-        self._lat_lon.update(zip(rows.tolist(), zip(lat_e7, lon_e7, strict=True), strict=True))
-
-    def lat_lon_e7(self, craft: Craft) -> tuple[int, int]:
-        """Latitude and longitude in 1e-7 degrees, as believed now."""
-        if self._lat_lon_at != self.now or craft.row not in self._lat_lon:
-            self.locate(np.array([craft.row]))
-        return self._lat_lon[craft.row]
 
     def limits(self, craft: Craft) -> None:
         """Speeds and accelerations as the WPNAV parameters say: what every mode starts from."""

@@ -28,24 +28,26 @@ ESTIMATE: Final = np.dtype(
         ("pitch", "f8"),  # FLU: nose down positive
         ("yaw", "f8"),
         ("height", "f8"),  # m above the ground below
-        ("status", "i8"),  # MAVLink EKF_STATUS_FLAGS
-        ("vel_ratio", "f8"),  # normalised innovations: EKF_STATUS_REPORT's variances
+        # the estimator's own account, as EKF_STATUS_REPORT has it
+        ("status", "i8"),  # MAVLink's EKF_STATUS_FLAGS
+        ("vel_ratio", "f8"),  # normalised innovations: above 1 is outside the gate
         ("pos_ratio", "f8"),
         ("hgt_ratio", "f8"),
         ("mag_ratio", "f8"),
-        ("dead_reckoning", "i8"),  # 1 while the position is extrapolated
-        ("resets", "i8"),  # how often the horizontal position was reset
-        ("gnss_fix", "i8"),  # MAVLink GPS_FIX_TYPE
+        ("dead_reckoning", "i8"),  # 1 while horizontal aiding is lost and position is extrapolated
+        ("resets", "i8"),  # horizontal position resets so far
+        # what the sensors said last: the receiver, not the estimate
+        ("gnss_fix", "i8"),  # MAVLink's GPS_FIX_TYPE
         ("gnss_sats", "i8"),
         ("gnss_hdop", "f8"),
-        ("gnss_pos", "f8", (3,)),  # what the receiver said last
+        ("gnss_pos", "f8", (3,)),
         ("gnss_vel", "f8", (3,)),
-        ("gnss_age_s", "f8"),
+        ("gnss_age_s", "f8"),  # since the last fix came
         ("baro_up", "f8"),
         ("compass", "f8", (3,)),  # gauss, body
         ("battery_v", "f8"),
         ("battery_a", "f8"),
-        ("imu_accel", "f8", (3,)),  # m/s², body specific force
+        ("imu_accel", "f8", (3,)),  # m/s², body, specific force
     ]
 )
 

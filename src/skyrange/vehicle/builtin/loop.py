@@ -1,6 +1,6 @@
-"""What happens in one turn of the main loop, for every aircraft? Estimate, guide, control, detect landing.
+"""What happens in one turn of the main loop, for every aircraft? Guide, control, detect landing.
 
-Two kernels over all rows: `ideal_estimate` (the seam for an estimator) and `turn`.
+One kernel over all rows, `turn`, after the estimator has said where each aircraft believes to be.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Floats
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.control import GRAVITY_MPS2, fly, relax, stand
+from skyrange.vehicle.builtin.control import fly, relax, stand
 from skyrange.vehicle.builtin.guidance import begin_leg, face, guide
 from skyrange.vehicle.builtin.layout import Control, Flag, Records
 from skyrange.vehicle.builtin.shaping import ramp_time
@@ -36,47 +36,6 @@ _RELAX_TC_S = 0.16  # AC_PosControl.cpp POSCONTROL_RELAX_TC
 _CRASH_S = 2.0
 _CRASH_ACCEL_MPS2 = 3.0
 _CRASH_SPEED_MPS = 10.0
-
-
-@kernel
-def ideal_estimate(
-    gyro: Floats,
-    accel: Floats,
-    attitude: Floats,
-    position: Floats,
-    velocity: Floats,
-    rangefinder: Floats,
-    estimate: Records,
-) -> None:
-    """Believe the sensors: position and velocity from GNSS, attitude as given, height from the rangefinder."""
-    for i in range(estimate.shape[0]):
-        e: Any = estimate[i]
-        w = attitude[i, 0]
-        x = attitude[i, 1]
-        y = attitude[i, 2]
-        z = attitude[i, 3]
-        for axis in range(3):
-            e.pos[axis] = position[i, axis]
-            e.vel[axis] = velocity[i, axis]
-            e.rate[axis] = gyro[i, axis]
-            e.gnss_pos[axis] = position[i, axis]
-            e.gnss_vel[axis] = velocity[i, axis]
-            e.imu_accel[axis] = accel[i, axis]
-        e.baro_up = position[i, 2]
-        e.quat[0] = w
-        e.quat[1] = x
-        e.quat[2] = y
-        e.quat[3] = z
-        a = accel[i, 0]
-        b = accel[i, 1]
-        c = accel[i, 2]
-        e.accel[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
-        e.accel[1] = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
-        e.accel[2] = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c - GRAVITY_MPS2
-        e.roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        e.pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
-        e.yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        e.height = rangefinder[i]
 
 
 @kernel

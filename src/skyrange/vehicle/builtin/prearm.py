@@ -253,6 +253,13 @@ def update(fleet: Fleet) -> None:
     watch["prearm_ok"][rows] = ~failing
 
 
+def report(fleet: Fleet, craft: Craft, causes: Causes) -> None:
+    """Say what stands against arming, if anything does."""
+    seen = view(fleet, np.array([craft.row]))
+    found = _run(fleet, seen, CHECKS if seen.bits[0] else MANDATORY, np.ones(1, dtype=bool))
+    _tell(fleet, craft, 0, found, "PreArm", causes)
+
+
 def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
     """Run the checks for a craft that is to be armed now and say what fails; `forced`, only the mandatory ones."""
     seen = view(fleet, np.array([craft.row]))
