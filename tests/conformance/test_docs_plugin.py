@@ -50,7 +50,8 @@ def test_the_run_asked_the_approval_of_the_page(ran: Any) -> None:
 def test_the_aircraft_with_the_pages_autopilot_is_held_at_ten_metres(ran: Any) -> None:
     truth = ran[0]["record"].table("truth").to_pylist()
     heights = [row["up_m"] for row in truth if row["vehicle"] == "green/g3"]
-    assert np.abs(heights[-1] - 10.0) < 0.1, "after 20 s; the controller's poles have time constants near 1 s"
+    # after 20 s, with poles near 1 s: the barometer's noise (0.12 m) through its gain, a hand's breadth of drift
+    assert np.abs(heights[-1] - 10.0) < 0.4
 
 
 def test_the_pages_own_tests_pass(ran: Any) -> None:

@@ -36,7 +36,8 @@ def standing(**params: float) -> Range:
 
 def put(r: Range, name: str, value: float) -> None:
     """Change a parameter."""
-    r.engines[0]._fleet.settings[name] = value
+    r.send(V, dialect.MAVLink_param_set_message(1, 1, name.encode(), value, dialect.MAV_PARAM_TYPE_REAL32))
+    r.run(0.01)
 
 
 class _Believing(Fleet):

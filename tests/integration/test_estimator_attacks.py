@@ -227,3 +227,54 @@ def test_a_turned_compass_is_rejected_in_flight(hovering: Range) -> None:
     rows = np.array(watch.rows)
     assert rows["mag_ratio"][-1] > 1.0
     assert abs(np.angle(np.exp(1j * (rows["yaw"][-1] - rows["yaw"][0])))) < np.radians(5.0)
+
+
+def test_fixes_that_return_after_position_is_lost_are_believed_at_once(hovering: Range) -> None:
+    held: dict[str, np.ndarray] = {}
+
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        if after_s < 9.0:
+            silence(sensors, held)
+        else:
+            sensors.gnss_enu_m[:, 0] += 300.0
+
+    watch = Watch(hovering, tamper, 12.0)
+    assert watch.first(lambda e: e["resets"] > 0) == pytest.approx(9.2, abs=0.3)
+    assert watch.rows[-1]["pos"][0] - watch.rows[0]["pos"][0] > 200.0
+
+
+def test_uncertainty_beyond_the_glitch_radius_resets_to_the_fix(hovering: Range) -> None:
+    """A receiver that claims 20 m and 20 m/s: belief is unsure beyond a radius of 1 m, not of the default 25 m."""
+
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        sensors.gnss_accuracy[:, 0] = 20.0
+        sensors.gnss_accuracy[:, 2] = 20.0  # so velocity teaches nothing
+        if after_s > 4.0:
+            sensors.gnss_enu_m[:, 0] += 15.0
+
+    wide, narrow = copy.deepcopy(hovering), copy.deepcopy(hovering)
+    narrow.engines[0]._fleet.settings["EK3_GLITCH_RAD"] = 1.0
+    far, near = Watch(wide, tamper, 8.0), Watch(narrow, tamper, 8.0)
+    assert np.array(far.rows)["resets"].max() == 0
+    assert np.array(near.rows)["resets"].max() > 0
+
+
+def test_a_reset_moves_no_aircraft_that_lands_where_it_is(hovering: Range) -> None:
+    """LAND has no place on the map: the reference moves along with belief, the true aircraft comes straight down."""
+    fly = copy.deepcopy(hovering)
+    assert fly.mode(ME, 9) == 0
+    watch = Watch(fly, jump(200.0, 0.0), 14.0)
+    assert np.array(watch.rows)["resets"].max() == 1
+    assert abs(watch.truth[-1][0] - watch.truth[0][0]) < 3.0
+
+
+def test_a_turned_compass_is_believed_on_the_ground_after_five_seconds() -> None:
+    fly = Range([VehicleSpec(vehicle=ME, system_id=1, airframe="iris", heading_deg=40.0)], noise=1.0)
+    fly.run(2.0)
+
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        sensors.compass_gauss[:, :2] *= -1.0
+
+    watch = Watch(fly, tamper, 8.0)
+    turned = watch.first(lambda e: abs(np.angle(np.exp(1j * (e["yaw"] - watch.rows[0]["yaw"])))) > 2.5)
+    assert turned == pytest.approx(5.0, abs=0.3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.modes import Mode, known
 from tests.integration.flight_harness import Range
 from tests.integration.hovering import V, believe, hovering, modes, standing, texts, when
 
@@ -102,6 +102,16 @@ def test_report_only_and_off(params: dict[str, float], expected: bool) -> None:
     r.run(2.0)
     assert modes(r, start) == []
     assert ((CRITICAL, "EKF Failsafe") in texts(r, start)) == expected
+
+
+def test_altitude_hold_where_there_is_such_a_mode() -> None:
+    r = late(FS_EKF_ACTION=2)
+    start = r.seconds
+    believe(r, status=NO_POSITION)
+    r.run(1.3)
+    expected = "ALT_HOLD" if known(2) else "LAND"
+    assert modes(r, start) == [(expected, "ekf_failsafe")]
+    assert texts(r, start)[-1] == (CRITICAL, f"EKF Failsafe: changed to {expected} Mode")
 
 
 def test_in_land_it_goes_on_blind() -> None:

@@ -11,18 +11,18 @@ from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.spec import VehicleSpec
-from tests.integration.flight_harness import Range
+from tests.integration.flight_harness import Range, takeoff, waypoint
 from tests.integration.hovering import V, hovering, modes, put, standing, texts, when
 
 NOTICE, INFO = 5, 6
 A = dialect
 
 
-def go(r: Range, east: float, north: float, alt: float) -> None:
-    """A target in GUIDED."""
-    mask = 0b110111111000
-    r.send(V, A.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, mask, north, east, -alt, *([0.0] * 8)))
-    r.run(0.01)
+def go(r: Range, east: float, north: float, alt: float) -> float:
+    """A mission that leads there, begun at once: unlike a target in GUIDED it is not refused for the fence; when."""
+    r.upload(V, [takeoff(1.0), waypoint(east, north, alt)])
+    assert r.mode(V, Mode.AUTO) == 0
+    return r.seconds
 
 
 def state(r: Range) -> Any:
@@ -52,8 +52,7 @@ def box(half: float, command: int = 5001) -> list[tuple[int, float, float, float
 def test_out_of_the_circle_it_returns_and_is_back() -> None:
     r = hovering(FENCE_ENABLE=1, FENCE_RADIUS=30)
     r.run(0.2)
-    start = r.seconds
-    go(r, 60.0, 0.0, 10.0)
+    start = go(r, 60.0, 0.0, 10.0)
     r.run_until(lambda r: modes(r, start) != [], 30.0)
     assert r.positions()[0, 0] == pytest.approx(30.0, abs=1.5)  # 10 Hz at up to 10 m/s
     r.run(0.1)
@@ -73,17 +72,15 @@ def test_out_of_the_circle_it_returns_and_is_back() -> None:
 
 def test_disabled_by_default() -> None:
     r = hovering(FENCE_RADIUS=30, FENCE_ALT_MAX=12)
-    start = r.seconds
-    go(r, 45.0, 0.0, 20.0)
+    start = go(r, 45.0, 0.0, 20.0)
     r.run(20.0)
-    assert texts(r, start) == []
+    assert texts(r, start) == [(INFO, "Reached command #2")]
     assert r.heard("FENCE_STATUS") == []
 
 
 def test_above_the_ceiling() -> None:
     r = hovering(FENCE_ENABLE=1, FENCE_ALT_MAX=12)
-    start = r.seconds
-    go(r, 0.0, 0.0, 16.0)
+    start = go(r, 0.0, 0.0, 16.0)
     r.run_until(lambda r: modes(r, start) != [], 20.0)
     assert r.positions()[0, 2] == pytest.approx(12.2, abs=0.4)
     assert texts(r, start)[0] == (NOTICE, "Max Alt fence breached")
@@ -93,8 +90,7 @@ def test_above_the_ceiling() -> None:
 @pytest.mark.parametrize(("action", "expected"), [(0, []), (2, ["LAND"]), (3, ["RTL"]), (4, ["BRAKE"]), (5, ["LAND"])])
 def test_actions(action: int, expected: list[str]) -> None:
     r = hovering(FENCE_ENABLE=1, FENCE_ALT_MAX=12, FENCE_ACTION=action)
-    start = r.seconds
-    go(r, 0.0, 0.0, 16.0)
+    start = go(r, 0.0, 0.0, 16.0)
     r.run(4.0)
     assert [mode for mode, _ in modes(r, start)] == expected
     assert texts(r, start)[0] == (NOTICE, "Max Alt fence breached")
@@ -105,15 +101,13 @@ def test_a_polygon_and_an_exclusion_circle() -> None:
     assert items(r, [*box(25.0), (5004, 8.0, 0.0, 15.0)]) == A.MAV_MISSION_ACCEPTED
     r.run(0.2)
     assert state(r)["breached"] == 0
-    start = r.seconds
-    go(r, 0.0, 20.0, 10.0)  # into the circle
+    start = go(r, 0.0, 20.0, 10.0)  # into the circle
     r.run_until(lambda r: modes(r, start) != [], 20.0)
     assert r.positions()[0, 1] == pytest.approx(7.5, abs=1.2)
     assert texts(r, start)[0] == (NOTICE, "Polygon fence breached")
     r = hovering(FENCE_ENABLE=1)
     items(r, box(25.0))
-    start = r.seconds
-    go(r, 0.0, 60.0, 10.0)
+    start = go(r, 0.0, 60.0, 10.0)
     r.run_until(lambda r: modes(r, start) != [], 20.0)
     assert r.positions()[0, 1] == pytest.approx(25.5, abs=1.2)
 
@@ -130,28 +124,23 @@ def test_far_outside_it_just_lands() -> None:
 
 def test_a_backup_fence_20_m_further_out_breaches_anew_after_the_recovery_time() -> None:
     r = hovering(FENCE_ENABLE=1, FENCE_RADIUS=30, WPNAV_SPEED=300)  # slow: does not slide 20 m out
-    r.mode(V, Mode.BRAKE)
-    r.mode(V, Mode.GUIDED)
-    start = r.seconds
-    go(r, 90.0, 0.0, 10.0)
+    start = go(r, 90.0, 0.0, 10.0)
     r.run_until(lambda r: modes(r, start) != [], 20.0)
-    r.mode(V, Mode.GUIDED)  # the pilot takes over: 10 s without fence
+    r.mode(V, Mode.BRAKE)  # the pilot takes over: 10 s without fence
     assert [w for _, w in texts(r, start)].count("Manual recovery started") == 2
-    go(r, 40.0, 0.0, 10.0)
     r.run(11.0)
-    assert r.positions()[0, 0] == pytest.approx(40.0, abs=1.0)
-    assert modes(r, start)[1:] == [("GUIDED", "gcs_command")]  # still breached, nothing new
-    go(r, 90.0, 0.0, 10.0)
-    r.run_until(lambda r: len(modes(r, start)) == 3, 30.0)
-    assert modes(r, start)[2] == ("RTL", "fence_breached")
+    assert modes(r, start)[1:] == [("BRAKE", "gcs_command")]  # still breached, nothing new
+    put(r, "WPNAV_SPEED", 100.0)  # another change of mode, another 10 s: they must not last to the backup
+    start = go(r, 90.0, 0.0, 10.0)
+    r.run_until(lambda r: modes(r, start) != [], 30.0)
+    assert modes(r, start) == [("RTL", "fence_breached")]
     assert r.positions()[0, 0] == pytest.approx(51.0, abs=1.5)
     assert state(r)["count"] == 2
 
 
 def test_options_hold_the_mode_until_back_inside() -> None:
     r = hovering(FENCE_ENABLE=1, FENCE_RADIUS=30, FENCE_OPTIONS=1)
-    start = r.seconds
-    go(r, 60.0, 0.0, 10.0)
+    start = go(r, 60.0, 0.0, 10.0)
     r.run_until(lambda r: modes(r, start) != [], 20.0)
     assert r.mode(V, Mode.GUIDED) == 4
     assert "Mode change to GUIDED failed: in fence recovery" in r.words()
@@ -164,7 +153,7 @@ def test_the_floor_opens_by_itself_and_closes_for_landing() -> None:
     start = r.seconds
     r.run(0.3)
     assert texts(r, start) == [(NOTICE, "Min Alt fence enabled (auto enable)")]
-    go(r, 0.0, 0.0, 3.0)
+    start = go(r, 0.0, 0.0, 3.0)
     r.run_until(lambda r: modes(r, start) != [], 20.0)
     assert modes(r, start) == [("RTL", "fence_breached")]
     assert (NOTICE, "Min Alt fence breached") in texts(r, start)
@@ -193,8 +182,7 @@ def test_do_fence_enable() -> None:
     assert fence.command(fleet, craft, 3, 0) == A.MAV_RESULT_FAILED
     assert fence.command(fleet, craft, 1, 4) == A.MAV_RESULT_FAILED  # no polygon
     assert fence.command(fleet, craft, 1, 2) == A.MAV_RESULT_ACCEPTED
-    start = r.seconds
-    go(r, 0.0, 50.0, 10.0)
+    start = go(r, 0.0, 50.0, 10.0)
     r.run_until(lambda r: modes(r, start) != [], 20.0)
     assert fence.command(fleet, craft, 0, 0) == A.MAV_RESULT_ACCEPTED
     r.run(0.2)

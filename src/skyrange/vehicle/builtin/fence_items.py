@@ -12,7 +12,7 @@ from typing import Any, Final
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fence_zones import CIRCLE_IN, CIRCLE_OUT, MAX_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
-from skyrange.vehicle.builtin.item_kinds import ItemKind, Partner, lat_lon_e7, plain_message
+from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner, lat_lon_e7, plain_message
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE
 _ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)

@@ -3,7 +3,7 @@
 After libraries/GCS_MAVLink/MissionItemProtocol.cpp, with what it does beyond or beside https://mavlink.io/en/services/mission.html:
 items are asked for with MISSION_REQUEST (ground stations answer with MISSION_ITEM_INT), those of a mission are stored
 as they come (a failed upload leaves the first part), a request is repeated after 1 s and given up after 8 s, and while
-one ground station uploads, another is denied. What an item means is its kind's business (`item_kinds`).
+one ground station uploads, another is denied. What an item means is its kind's business (`transfer_kinds`).
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.vehicle.builtin import navigator
 from skyrange.vehicle.builtin.fence_items import FENCE
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
-from skyrange.vehicle.builtin.item_kinds import ItemKind, Partner
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.rally import RALLY
+from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner
 
 MAX_ITEMS = 650
 """Items that fit with home: (2422 + 2132 + 5204 − 4) / 15 bytes of ArduCopter's 16 KiB storage

@@ -11,7 +11,7 @@ from typing import Any, Final
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
-from skyrange.vehicle.builtin.item_kinds import ItemKind, Partner, lat_lon_e7, plain_message
+from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner, lat_lon_e7, plain_message
 
 MAX_ITEMS: Final = 46
 """(90 + 300 + 300) / 15 bytes (StorageManager.cpp StorageRally, 15 areas; AP_Rally.cpp `RallyLocation`)."""

@@ -84,6 +84,7 @@ def _return(fleet: Fleet, craft: Craft, reason: str) -> None:
 
 
 def land(fleet: Fleet, craft: Craft, reason: str) -> None:
-    """LAND, its descent delayed by 4 s (`set_mode_land_with_pause`)."""
-    if set_mode(fleet, craft, Mode.LAND, reason, ()):
+    """LAND, its descent delayed by 4 s (`set_mode_land_with_pause`); a landing under way goes on."""
+    begins = craft.mode != Mode.LAND
+    if set_mode(fleet, craft, Mode.LAND, reason, ()) and begins:
         fleet.flight["pause_s"][craft.row] = _LAND_PAUSE_S

@@ -148,7 +148,7 @@ def bad(fleet: Fleet, craft: Craft) -> None:
         fleet.text(craft, _CRITICAL, "EKF variance")
         watch["ekf_warned_ns"][row] = fleet.now
     watch["ekf_lost"][row] = 1
-    fleet.note("event.estimator", craft, {"trusted": False})
+    fleet.note("event.ekf_failsafe", craft, {"on": True})
     if not fleet.armed(craft):
         return
     watch["ekf_told"][row] = 1
@@ -173,7 +173,7 @@ def good(fleet: Fleet, craft: Craft) -> None:
     if not watch["ekf_lost"][row]:
         return
     watch["ekf_lost"][row] = 0
-    fleet.note("event.estimator", craft, {"trusted": True})
+    fleet.note("event.ekf_failsafe", craft, {"on": False})
     if watch["ekf_told"][row]:
         watch["ekf_told"][row] = 0
         fleet.text(craft, _CRITICAL, "EKF Failsafe Cleared")
