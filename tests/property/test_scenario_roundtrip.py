@@ -14,7 +14,7 @@ from skyrange.scenario.emit import to_toml
 from skyrange.scenario.load import build, load_text
 from skyrange.scenario.operators import COLORS
 from skyrange.scenario.overrides import override, parse_value
-from skyrange.scenario.schema import Link, Operator, Path, Plan, Scenario, Vehicle, square
+from skyrange.scenario.schema import Fleet, Link, Operator, Path, Plan, Scenario, Vehicle, square
 
 IDS = st.text(string.ascii_letters + string.digits + "_-", min_size=1, max_size=32).filter(lambda s: s[0] not in "_-")
 ABOVE = st.floats(1e-3, 1e4)
@@ -34,6 +34,13 @@ MODES = some({"mode": st.sampled_from(["auto", "guided"]), "end": st.sampled_fro
 PLANS = st.builds(lambda path, how: Plan(path=path, **how), PATHS, MODES) | st.builds(
     lambda side_m, alt_m, how: square(side_m, alt_m, **how), ABOVE, ABOVE, MODES
 )
+PARAMS = st.dictionaries(st.from_regex(r"\A[A-Z][A-Z0-9_]{0,15}\Z"), st.floats(-1e30, 1e30), max_size=3)
+FLEETS = st.builds(
+    lambda count, plan, keys: Fleet(count=count, plan=plan, **keys),
+    st.integers(1, 9),
+    PLANS,
+    some({"spacing_m": st.tuples(ABOVE, ABOVE), "every_s": st.floats(0, 3600), "charge": SHARE, "params": PARAMS}),
+)
 VEHICLES = st.builds(
     lambda plan, start, keys: Vehicle(plan=plan, start=start, **keys),
     PLANS,
@@ -42,8 +49,10 @@ VEHICLES = st.builds(
         {
             "id": IDS,
             "depart_s": st.floats(0, 10),
+            "charge": SHARE,
+            "network": st.integers(0, 255),
             "placing": st.sampled_from(["exact", "clear"]),
-            "params": st.dictionaries(st.from_regex(r"\A[A-Z][A-Z0-9_]{0,15}\Z"), st.floats(-1e30, 1e30), max_size=3),
+            "params": PARAMS,
         }
     ),
 )
@@ -57,7 +66,14 @@ SCENARIOS = st.builds(
     st.lists(
         st.builds(
             lambda keys, vehicles: Operator(vehicles=vehicles, **keys),
-            some({"id": IDS, "color": st.sampled_from(COLORS) | st.from_regex(r"\A#[0-9a-f]{6}\Z")}),
+            some(
+                {
+                    "id": IDS,
+                    "fleets": st.lists(FLEETS, max_size=2),
+                    "params": PARAMS,
+                    "color": st.sampled_from(COLORS) | st.from_regex(r"\A#[0-9a-f]{6}\Z"),
+                }
+            ),
             st.lists(VEHICLES, min_size=1, max_size=3, unique_by=lambda vehicle: vehicle.id or object()),
         ),
         min_size=1,
@@ -74,7 +90,8 @@ SCENARIOS = st.builds(
                 datetime(2099, 1, 1),
                 timezones=st.builds(lambda m: timezone(timedelta(minutes=m)), st.integers(-1439, 1439)),
             ),
-            "wind": some({"speed_mps": st.floats(0, 60), "from_deg": st.floats(0, 360)}),
+            "wind": some({"speed_mps": st.floats(0, 60), "from_deg": st.floats(0, 360), "w20_mps": st.floats(0, 60)}),
+            "sensors": some({"noise": st.floats(0, 10)}),
             "city": st.builds(lambda a, b: {"grid": {"blocks": (a, b)}}, st.integers(1, 9), st.integers(1, 9)),
             "links": st.lists(LINKS, max_size=3),
         },
@@ -85,6 +102,10 @@ KEYS = [
     "origin",
     "operators",
     "vehicles",
+    "fleets",
+    "count",
+    "spacing_m",
+    "network",
     "plan",
     "square",
     "path",
@@ -137,7 +158,7 @@ def test_a_scenario_written_as_toml_reads_back_equal(scenario: Scenario):
 def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario):
     assert build(scenario.data()) == scenario
     names = [(operator.id, vehicle.id) for operator, vehicle in scenario.fleet]
-    numbers = [(operator.id, vehicle.system_id) for operator, vehicle in scenario.fleet]
+    numbers = [(operator.id, vehicle.network, vehicle.system_id) for operator, vehicle in scenario.fleet]
     assert len(set(names)) == len(names) == len(set(numbers))
 
 
