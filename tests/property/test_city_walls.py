@@ -45,7 +45,9 @@ def test_footprints(place, b):
 @settings(deadline=None, max_examples=300)
 @given(place=PLACE)
 def test_a_cell_lists_all_that_is_near(place):
-    near = {b for b, building in enumerate(BUILDINGS) if shapely.distance(building.shape, shapely.Point(place)) < MARGIN_M}
+    near = {
+        b for b, building in enumerate(BUILDINGS) if shapely.distance(building.shape, shapely.Point(place)) < MARGIN_M
+    }
     cell = cell_at(WALLS, *place)
     listed = set() if cell < 0 else set(WALLS.near[WALLS.cells[cell] : WALLS.cells[cell + 1]].tolist())
     assert near <= listed
@@ -60,7 +62,9 @@ def test_free_is_no_more_than_the_way_to_anything(place, up, steps):
     floor, free = around(WALLS, here, radius, height)
 
     def under(p):
-        tops = [b.height_m for b in BUILDINGS if shapely.intersects(b.shape, shapely.Point(p[:2])) and p[2] >= b.height_m]
+        tops = [
+            b.height_m for b in BUILDINGS if shapely.intersects(b.shape, shapely.Point(p[:2])) and p[2] >= b.height_m
+        ]
         return max(tops, default=0.0)
 
     def touches(p):

@@ -166,7 +166,7 @@ def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
 
 
 def test_restitution_of_a_square_blow():
-    """The speed of the two points of contact towards each other turns, and shrinks to `RESTITUTION` of it: 1 % for drag.
+    """The speed of the points of contact towards each other turns, and shrinks to `RESTITUTION` of it: 1 % for drag.
 
     Heading east the body's axes are the local ones; the point is at half height, 0.07 m below the centre of gravity.
     """
@@ -236,7 +236,11 @@ def test_order_and_company_change_no_bit():
         ("green/c", 0.1, 3.0, (0.0, -7.0, 0.0)),
         ("green/d", 0.0, -3.1, (0.2, 7.0, 0.0)),
     ]
-    company = [("amber/x", 40.0, 40.0, (0.0, 0.0, 0.0)), ("zed/y", 6.0, 8.0, (0.0, 20.0, 0.0)), ("blue/ab", 300.0, 0.0, (0.0, 0.0, 0.0))]
+    company = [
+        ("amber/x", 40.0, 40.0, (0.0, 0.0, 0.0)),
+        ("zed/y", 6.0, 8.0, (0.0, 20.0, 0.0)),
+        ("blue/ab", 300.0, 0.0, (0.0, 0.0, 0.0)),
+    ]
     casts = [four, four[::-1], [four[2], four[0], four[3], four[1]], [company[0], *four[::-1], *company[1:]]]
     worlds, said = [], []
     for cast in casts:
@@ -245,7 +249,9 @@ def test_order_and_company_change_no_bit():
             velocities=[velocity for *_, velocity in cast],
         )
         notes = _run(world, 1000)
-        said.append({(tick, n.kind, n.about, tuple(n.data.items())) for tick, n in notes if n.about in {f[0] for f in four}})
+        said.append(
+            {(tick, n.kind, n.about, tuple(n.data.items())) for tick, n in notes if n.about in {f[0] for f in four}}
+        )
         worlds.append(world)
     assert len([note for note in said[0] if note[1] == "event.collision"]) >= 6
     for cast, world, notes in zip(casts, worlds, said, strict=True):

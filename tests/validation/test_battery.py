@@ -17,7 +17,9 @@ QUANTUM_NS = 2_500_000
 def _hover_w(airframe: Airframe) -> float:
     """Electrical power: four rotors at weight's thrust, arm·k·ω³ each, over the drive's efficiency, and avionics."""
     omega = math.sqrt(airframe.mass_kg * GRAVITY_MPS2 / (4.0 * airframe.thrust_ns2))
-    return 4.0 * airframe.torque_arm_m * airframe.thrust_ns2 * omega**3 / airframe.drive_efficiency + airframe.avionics_w
+    return (
+        4.0 * airframe.torque_arm_m * airframe.thrust_ns2 * omega**3 / airframe.drive_efficiency + airframe.avionics_w
+    )
 
 
 def _endurance_s(airframe: Airframe, share: float) -> float:

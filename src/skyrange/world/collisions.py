@@ -1,14 +1,14 @@
 """Who touches whom or what in a tick, and what comes of it? Swept cylinders, aircraft against aircraft and buildings.
 
-An aircraft is an upright cylinder from the bottom of its gear to its top, as wide as its propeller tips reach. In a tick
-each moves along a straight line, and so does one seen from another: when two cylinders overlap is a quadratic in the
-plane and a line upwards, solved exactly, so nothing passes through anything at any speed. Against walls the path is
-looked at every half radius, which a disc cannot jump however thin the wall.
+An aircraft is an upright cylinder from the bottom of its gear to its top, as wide as its propeller tips reach. In a
+tick each moves along a straight line, and so does one seen from another: when two cylinders overlap is a quadratic in
+the plane and a line upwards, solved exactly, so nothing passes through anything at any speed. Against walls the path
+is looked at every half radius, which a disc cannot jump however thin the wall.
 
 Cheap because bounds are kept: `travelled` is the sum over ticks of the longest way that any aircraft went, so two
-aircraft a gap g apart cannot touch before it has grown by g/2, nor one and a wall before it has grown by their distance.
-Pairs that are near are listed by a census over a grid of cells, made again when `travelled` has grown by half of how near
-was near. Bounds only skip what cannot touch, so no result depends on who else flies.
+aircraft a gap g apart cannot touch before it has grown by g/2, nor one and a wall before it has grown by their
+distance. Pairs that are near are listed by a census over a grid of cells, made again when `travelled` has grown by
+half of how near was near. Bounds only skip what cannot touch, so no result depends on who else flies.
 
 Contact. Rigid bodies without friction: an impulse J along the normal at the point of contact, with restitution
 `RESTITUTION`, through both masses and inertias, so momentum and, up to
@@ -16,8 +16,8 @@ Contact. Rigid bodies without friction: an impulse J along the normal at the poi
 "Physically Based Modeling", SIGGRAPH 2001). Aircraft are taken in the order of their ids.
 
 Damage is a modelling choice, for want of published figures: a touched propeller is lost. From the side that is the one
-nearest to the contact and all within 60 degrees of it, from above those under the other's disc, from below none; and all
-of them when the impulse changes the aircraft's speed by more than `WRECK_MPS`.
+nearest to the contact and all within 60 degrees of it, from above those under the other's disc, from below none; and
+all of them when the impulse changes the aircraft's speed by more than `WRECK_MPS`.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def _bucket(column: int, row: int, mask: int) -> int:
 def census(
     order: Ints, shape: Floats, airframe: Ints, position: Floats, travelled: float
 ) -> tuple[NDArray[np.int64], Floats]:
-    """All pairs nearer than `NEAR_M`: rows (k, 2) and until when neither needs a look (k,), both in the order of ids."""
+    """All pairs nearer than `NEAR_M`: rows (k, 2) and until when neither needs a look (k,), in the order of ids."""
     n = order.shape[0]
     widest = 0.0
     for f in range(shape.shape[0]):
@@ -172,7 +172,7 @@ def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, f
 
 @kernel
 def _at(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
-    """Of one body at a point `r` from its centre of gravity: speed along `n`, and how it yields to an impulse along it."""
+    """Of a body at a point `r` from its centre of gravity: speed along `n`, and how it yields to an impulse there."""
     velocity, attitude, rates, p = state.velocity[i], state.attitude[i], state.rates[i], state.shape[state.airframe[i]]
     nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
     rx, ry, rz = _into_body(attitude, r[0], r[1], r[2])
@@ -230,7 +230,7 @@ def _lose(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: fl
 
 @kernel
 def _when(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float) -> tuple[float, bool]:
-    """When in 0…1 one cylinder first overlaps another it moves past, `d0` to `d1` from it (2 if not), and if sideways."""
+    """When in 0…1 a cylinder that moves from `d0` to `d1` of another first overlaps it (2 if not), and if sideways."""
     vx, vy, vz = d1[0] - d0[0], d1[1] - d0[1], d1[2] - d0[2]
     # in the plane: |d0 + v·t| < radii
     a = vx * vx + vy * vy

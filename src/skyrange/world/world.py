@@ -123,7 +123,7 @@ class World:
 
     def _bind(self) -> None:
         """Make what points into the arrays: the kernel's arguments and the read-only views."""
-        self._arguments = (
+        self._arguments: tuple[Any, ...] = (
             self._step_s,
             self._parameters,
             self._airframe,

@@ -28,6 +28,8 @@ _GLYPHS = {
     "event.item_reached": ("item", "item reached"),
     "event.contact": ("contact", "ground contact"),
     "event.outcome": ("outcome", "mission outcome"),
+    "event.collision": ("crash", "collision"),
+    "event.crash": ("crash", "crash"),
 }
 _SHAPES = {
     "armed": '<circle r="4.5" class="hollow"/>',
