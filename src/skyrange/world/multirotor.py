@@ -236,6 +236,7 @@ def advance(
     height: Floats,
     work_j: Floats,
     before: Floats,
+    way: Floats,
     stride: Floats,
 ) -> int:
     """Move every aircraft by one quantum; returns how many events it flagged.
@@ -246,7 +247,8 @@ def advance(
     `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local, `rates` and
     `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the speed of a
     touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains what the rotors did against the air;
-    `before` (n, 3) receives the old positions, and `stride` (1,) the square of the longest way that any went.
+    `before` (n, 3) receives the old positions; `way` (n,) gains no less than how far each went (its parts along the
+    axes, which takes no root), and `stride` (1,) receives the square of the longest way that any went.
     """
     spin(
         expo.reshape(-1),
@@ -331,13 +333,16 @@ def advance(
             )  # fmt: skip
             height[i] = 0.0
             dx, dy, dz = position[i, 0] - px, position[i, 1] - py, position[i, 2] - pz
+            way[i] += abs(dx) + abs(dy) + abs(dz)
             longest = max(longest, dx * dx + dy * dy + dz * dz)
             continue
         flags[i, ON_GROUND] = 0
         flags[i, ALOFT] |= nz > ground + _REARM_M
         nx = px + 0.5 * (vx + nvx) * step_s
         ny = py + 0.5 * (vy + nvy) * step_s
-        longest = max(longest, (nx - px) * (nx - px) + (ny - py) * (ny - py) + (nz - pz) * (nz - pz))
+        dx, dy, dz = nx - px, ny - py, nz - pz
+        way[i] += abs(dx) + abs(dy) + abs(dz)
+        longest = max(longest, dx * dx + dy * dy + dz * dz)
         height[i] = nz - ground
         position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = nvx, nvy, nvz

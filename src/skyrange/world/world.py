@@ -21,8 +21,9 @@ from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
-from skyrange.world.collisions import Bodies, shape_row
+from skyrange.world.collisions import Bodies
 from skyrange.world.contacts import Contacts
+from skyrange.world.nearness import shape_row
 from skyrange.world.wind import CALM, Wind, faults_of
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ class World:
         self._height = np.zeros(n)
         self._floor = np.zeros(n)
         self._before = self._position.copy()
+        self._way = np.zeros(n)
         self._stride = np.zeros(1)
         self._wind = wind
         self._steady = np.array(wind.steady_enu_mps, dtype=np.float64)
@@ -144,6 +146,7 @@ class World:
             self._height,
             self._work_j,
             self._before,
+            self._way,
             self._stride,
         )
         self._bodies = Bodies(
@@ -157,6 +160,7 @@ class World:
             self._limit,
             self._floor,
             self._alive,
+            self._way,
             self._shape,
             self._airframe,
         )
