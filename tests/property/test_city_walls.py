@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from skyrange.city.buildings import Building
 from skyrange.city.downtown import downtown_grid
 from skyrange.city.walls import MARGIN_M, cell_at, flatten, footprint, outside
-from skyrange.world.collisions import around
+from skyrange.world.nearness import around
 
 _RING = shapely.box(-40.0, 60.0, 0.0, 100.0).difference(shapely.Point(-20.0, 80.0).buffer(12.0))
 _PARTS = shapely.multipolygons([shapely.box(60.0, 60.0, 80.0, 90.0), shapely.box(90.0, 60.0, 95.0, 70.0)])

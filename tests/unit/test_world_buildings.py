@@ -187,3 +187,25 @@ def test_company_changes_no_bit_among_walls():
     assert one == [note for note in many if note.about == "blue/a"]
     for name, column in alone.truth().items():
         assert column.tobytes() == among.truth()[name][-1:].tobytes(), name
+
+
+def test_company_changes_no_reading_of_the_height_above_a_roof():
+    """When a roof's edge is noticed must depend on the aircraft that crosses it alone, at every tick."""
+    city = _city(*(shapely.box(7.3 * k, -9.0, 7.3 * k + 3.1, 9.0) for k in range(8)))
+    other = Body("blue/x", "iris", 100.0, 80.0, 40.0)
+    alone = World([Body("blue/a", "iris", -5.0, 0.0, 33.0, 90.0)], city=city)
+    among = World([other, Body("blue/a", "iris", -5.0, 0.0, 33.0, 90.0)], city=city)
+    among._velocity[0, 1] = 41.0
+    seen = set()
+    for world in (alone, among):
+        world._velocity[-1] = (9.0, 0.3, 0.0)
+        world.actuate(slice(None), np.full((len(world.vehicles), 4), IRIS.hover_command * 0.93))
+        world._rotor_radps[-1] = IRIS.rotor_max_radps * IRIS.hover_thrust**0.5
+        world.advance(0)
+    for tick in range(1, 1200):
+        alone.advance(tick * QUANTUM_NS)
+        among.advance(tick * QUANTUM_NS)
+        one = float(alone.sensors(slice(None)).rangefinder_m[0])
+        assert one == among.sensors(slice(None)).rangefinder_m[1], tick
+        seen.add(round(float(alone._floor[0])))
+    assert seen == {0, 30}

@@ -166,8 +166,7 @@ def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
 
 
 def test_restitution_of_a_square_blow():
-    """The speed of the two points of contact towards each other turns, and shrinks to `RESTITUTION` of it: 1 % for
-    drag.
+    """The speed of the points of contact towards each other turns, and shrinks to `RESTITUTION` of it: 1 % for drag.
 
     Heading east the body's axes are the local ones; the point is at half height, 0.07 m below the centre of gravity.
     """

@@ -60,6 +60,7 @@ class Flight:
             self.work_j,
             np.zeros((1, 3)),
             np.zeros(1),
+            np.zeros(1),
         )
         for _ in range(round(seconds / STEP_S)):
             multirotor.advance(*arguments)

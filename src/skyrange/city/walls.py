@@ -1,8 +1,7 @@
 """How near is the next wall, and what roof is below? A city flattened to edges with a grid of cells, for kernels.
 
 Every cell of the grid lists the buildings within `MARGIN_M` of it, so one look-up tells what is near a place. A
-footprint
-is its edges, holes and all: a point is inside when a ray from it crosses an odd number of them.
+footprint is its edges, holes and all: a point is inside when a ray from it crosses an odd number of them.
 """
 
 from __future__ import annotations

@@ -118,8 +118,7 @@ class Airframe:
 
 _DRIVE_EFFICIENCY = 0.8
 """An assumption, 0.85 for a brushless motor and 0.95 for its controller; with it the Iris+ and the Hummingbird hover
-for
-as long as their makers say (tests/validation)."""
+for as long as their makers say (tests/validation)."""
 
 
 def _x_frame(arm_m: float) -> tuple[Rotor, ...]:
@@ -175,9 +174,8 @@ IRIS = Airframe(
 
 HUMMINGBIRD = Airframe(
     # AscTec Hummingbird, flown as an X. [R] rotors_description/urdf/hummingbird.xacro: mass with its four rotors,
-    # inertia,
-    # arm, motor and moment constants, speed, lags, rotor drag; there from Wang et al., "Novel Dynamic Inversion
-    # Architecture Design for Quadrocopter Control".
+    # inertia, arm, motor and moment constants, speed, lags, rotor drag; there from Wang et al., "Novel Dynamic
+    # Inversion Architecture Design for Quadrocopter Control".
     name="hummingbird",
     mass_kg=0.716,
     inertia_kgm2=(0.007, 0.007, 0.012),
@@ -189,9 +187,8 @@ HUMMINGBIRD = Airframe(
     torque_arm_m=0.016,
     thrust_expo=0.65,
     rotor_drag_ns2=8.06428e-05,
-    # [R] body_width x body_height from the side, 0.1 m x 0.12 m, a cube's coefficient as for the Iris, and half of
-    # it again
-    # for four arms of 2 cm x 17 cm that [R] does not draw.
+    # [R] body_width x body_height from the side, 0.1 m x 0.12 m, a cube's coefficient as for the Iris, and half of it
+    # again for four arms of 2 cm x 17 cm that [R] does not draw.
     drag_area_m2=0.019,
     # The arms' ends at 45 degrees; the centre of gravity in the middle of [R]'s body.
     gear_half_track_m=0.12,
@@ -209,9 +206,9 @@ HUMMINGBIRD = Airframe(
 )
 
 X500 = Airframe(
-    # Holybro X500 as in PX4/PX4-gazebo-models, models/x500_base/model.sdf, commit 008216e: base_link and four
-    # rotors' mass,
-    # inertia, rotor poses, landing gear; models/x500/model.sdf: motor and moment constants, speed, lags, rotor drag.
+    # Holybro X500 as in PX4/PX4-gazebo-models, models/x500_base/model.sdf, commit 008216e: base_link and four rotors'
+    # mass, inertia, rotor poses, landing gear; models/x500/model.sdf: motor and moment constants, speed, lags, rotor
+    # drag.
     name="x500",
     mass_kg=2.064,
     inertia_kgm2=(0.0216667, 0.0216667, 0.04),
@@ -224,8 +221,7 @@ X500 = Airframe(
     thrust_expo=0.65,
     rotor_drag_ns2=8.06428e-05,
     # The model's plate and legs from the side, 0.354 m x 0.05 m + 2 x 0.21 m x 0.015 m, and arms and motors as much
-    # as the
-    # legs, with a cube's coefficient.
+    # as the legs, with a cube's coefficient.
     drag_area_m2=0.032,
     # Its skids: 0.264 m apart, their bottom 0.227 m below base_link; rotors 0.06 m above.
     gear_half_track_m=0.132,

@@ -1,16 +1,13 @@
-"""How does a battery give out? Charge, voltage under load and what is left for the motors, one kernel over all
-aircraft.
+"""How does a battery give out? Charge, voltage under load and what is left for the motors, in one kernel.
 
 A resting voltage over charge in series with a resistance. The resting voltage is ArduPilot's table of a lithium polymer
 cell (libraries/SITL/SIM_Battery.cpp, `soc_table`). The load is electrical power: what the rotors did against the air
 (torque times speed) over the efficiency of motors and controllers, plus the avionics. With E the resting voltage and
-R the
-resistance, P = V·I and V = E - R·I give V = (E + √(E² - 4·R·P)) / 2, and no more power than E²/4R.
+R the resistance, P = V·I and V = E - R·I give V = (E + √(E² - 4·R·P)) / 2, and no more power than E²/4R.
 
 A rotor's speed at full command goes with the voltage, as in ArduPilot's SIM_Motor.cpp (`voltage_scale`): the table of
 airframes has it at 3.7 V a cell. An empty battery stops the motors and stays empty. Left out: temperature, ageing,
-recovery
-after load, and the rotors' own inertia.
+recovery after load, and the rotors' own inertia.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ import numpy as np
 from skyrange.agent.messages import Note
 from skyrange.city.walls import NO_WALLS
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.world import collisions
-from skyrange.world.collisions import ENERGY, GENTLE, NEAR_M, SPEED, WHO, WITH, Bodies, Floats
+from skyrange.world import collisions, nearness
+from skyrange.world.collisions import ENERGY, GENTLE, SPEED, WHO, WITH, Bodies, Floats
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -46,7 +46,7 @@ class Contacts:
         """Find what is below each aircraft and how far the walls are."""
         if self._city is not None:
             walls = self._city.walls()
-            collisions.stand(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
+            nearness.stand(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
 
     def look(self, now: Time, step_s: float, stride2_m2: float, bodies: Bodies) -> Sequence[Note]:
         """Let collide what met in the tick that ended; `stride2_m2` is the square of the longest way any went."""
@@ -55,12 +55,12 @@ class Contacts:
         travelled = self._travelled + math.sqrt(stride2_m2)
         if travelled > self._census_due:
             # as it was before the tick: whoever is not on the list could not meet in it
-            self._pairs, self._pair_due = collisions.census(
+            self._pairs, self._pair_due = nearness.census(
                 self._order, bodies.shape, bodies.airframe, bodies.before, self._travelled
             )
-            self._census_due = self._travelled + 0.5 * NEAR_M
+            self._census_due = self._travelled + 0.5 * nearness.NEAR_M
         self._travelled = travelled
-        if not collisions.due(travelled, self._pair_due, self._wall_due):
+        if not nearness.due(travelled, self._pair_due, bodies.way, self._wall_due):
             return _NO_NOTES
         walls = NO_WALLS if self._city is None else self._city.walls()
         hits, push = collisions.touch(

@@ -8,9 +8,8 @@ Model (Mahony, Kumar & Corke, "Multirotor Aerial Vehicles", IEEE RAM 19(3), 2012
 thrust k·ω² along body up, drag torque `arm`·thrust against each rotor's spin, rotor drag in the rotor's
 plane, quadratic body drag, gravity, Euler's equation with a diagonal inertia. Drag on rotation: about each axis as if
 the body's drag area sat where the rotors are, ½·ρ·area·arm³·|Ω|·Ω, nothing in flight but what ends a tumble's
-spinning up (near 60 rad/s, where ArduPilot's SIM_Frame.cpp has 4 turns a second by a linear law). Left out: rotor
-inertia, loss
-of thrust with inflow, ground effect, blade flapping moments.
+spinning up, for the Iris near 60 rad/s, where its arms' ends go as fast as the pitch of its propellers. Left out:
+rotor inertia, loss of thrust with inflow, ground effect, blade flapping moments.
 
 Integration. Rotor speed: the exact solution of the first-order lag for a command held over the quantum.
 Velocity: forces at the quantum's start attitude; position: the mean of old and new velocity, which makes
@@ -21,11 +20,10 @@ steps, and the closed forms of tests/validation are met to a thousandth or bette
 would evaluate the forces four times as often for digits that the parameters do not have.
 
 Ground: a plane at the height of the `floor` below each aircraft, hit without bounce. The normal impulse stops the
-fall; friction takes at most
-`friction` times it from the sliding speed; the stance takes at most its lever times it from roll and pitch
-rates and brings the aircraft level, so a take-off with enough torque does tip over. Tilted beyond the tip
-angle on the ground, the propellers strike and break: the aircraft has crashed and stays down. So it has after a
-touchdown beyond `HARD_MPS`.
+fall; friction takes at most `friction` times it from the sliding speed; the stance takes at most its lever times it
+from roll and pitch rates and brings the aircraft level, so a take-off with enough torque does tip over. Tilted beyond
+the tip angle on the ground, the propellers strike and break: the aircraft has crashed and stays down. So it has after
+a touchdown beyond `HARD_MPS`.
 """
 
 from __future__ import annotations
@@ -59,9 +57,7 @@ _FORWARD, _SPIN = _LEFT + MOTORS, _LEFT + 2 * MOTORS  # blocks of one number per
 
 
 def motor_rows(airframe: Airframe, step_s: float) -> tuple[float, float, float]:
-    """What `spin` reads of a motor: thrust curve, and the share of the way that a quantum of `step_s` goes, up and
-    down.
-    """
+    """What `spin` reads of a motor: thrust curve, and what share of the way a quantum of `step_s` goes, up and down."""
     up, down = -math.expm1(-step_s / airframe.tau_up_s), -math.expm1(-step_s / airframe.tau_down_s)
     return airframe.thrust_expo, up, down
 
@@ -115,9 +111,7 @@ def spin(expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands
 def _turned(
     qw: float, qx: float, qy: float, qz: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
-    """An attitude after a rotation by a body vector: the quaternion exponential's series to fourth order,
-    normalised.
-    """
+    """An attitude turned by a body vector: the quaternion exponential's series to fourth order, normalised."""
     t2 = tx * tx + ty * ty + tz * tz
     c = 1.0 - t2 * (1.0 / 8.0 - t2 / 384.0)
     s = 0.5 - t2 / 48.0
@@ -242,6 +236,7 @@ def advance(
     height: Floats,
     work_j: Floats,
     before: Floats,
+    way: Floats,
     stride: Floats,
 ) -> int:
     """Move every aircraft by one quantum; returns how many events it flagged.
@@ -252,7 +247,8 @@ def advance(
     `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local, `rates` and
     `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the speed of a
     touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains what the rotors did against the air;
-    `before` (n, 3) receives the old positions, and `stride` (1,) the square of the longest way that any went.
+    `before` (n, 3) receives the old positions; `way` (n,) gains no less than how far each went (its parts along the
+    axes, which takes no root), and `stride` (1,) receives the square of the longest way that any went.
     """
     spin(
         expo.reshape(-1),
@@ -337,13 +333,16 @@ def advance(
             )  # fmt: skip
             height[i] = 0.0
             dx, dy, dz = position[i, 0] - px, position[i, 1] - py, position[i, 2] - pz
+            way[i] += abs(dx) + abs(dy) + abs(dz)
             longest = max(longest, dx * dx + dy * dy + dz * dz)
             continue
         flags[i, ON_GROUND] = 0
         flags[i, ALOFT] |= nz > ground + _REARM_M
         nx = px + 0.5 * (vx + nvx) * step_s
         ny = py + 0.5 * (vy + nvy) * step_s
-        longest = max(longest, (nx - px) * (nx - px) + (ny - py) * (ny - py) + (nz - pz) * (nz - pz))
+        dx, dy, dz = nx - px, ny - py, nz - pz
+        way[i] += abs(dx) + abs(dy) + abs(dz)
+        longest = max(longest, dx * dx + dy * dy + dz * dz)
         height[i] = nz - ground
         position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = nvx, nvy, nvz

@@ -11,9 +11,8 @@ With T = L/V the autocorrelations are σ²·e^(-t/T) along, and σ²·e^(-t/T)·
 
 **Speed.** The filters turn waves in space into gusts in time by the speed V at which an aircraft passes through them,
 and stand still at V = 0. Here V is the speed through the mean air, and at least the air's own restlessness σ_u:
-eddies of
-size L moving at σ turn over in L/σ (Tennekes & Lumley, "A First Course in Turbulence", 1972, 1.5) whether anybody flies
-through them or not. In a hover in a mean wind, V is that wind.
+eddies of size L moving at σ turn over in L/σ (Tennekes & Lumley, "A First Course in Turbulence", 1972, 1.5) whether
+anybody flies through them or not. In a hover in a mean wind, V is that wind.
 
 **Axes.** u along the steady wind (east in none), v to its left, w up. The standard has u along the relative wind,
 which for a multirotor would turn the gusts whenever it changes direction; the two horizontal components differ only
@@ -24,8 +23,7 @@ Each step is exact for the filter at that speed and height (its state's transiti
 the samples have the right variance and correlation at any step.
 
 Each aircraft has its own air: two that fly side by side feel unrelated gusts. A street canyon is not modelled:
-neither its
-channelled wind nor the wakes of its buildings.
+neither its channelled wind nor the wakes of its buildings.
 """
 
 from __future__ import annotations
@@ -45,8 +43,7 @@ GUST_NS = 20_000_000
 """How often the gusts change."""
 STREAM = "world.turbulence"
 STATES = 5
-"""Of the filters, per aircraft: u; first and second of v; first and second of w. All with unit variance of the
-first."""
+"""Of an aircraft's filters: u; first and second of v; first and second of w. The firsts have unit variance."""
 
 _FEET = 1.0 / 0.3048
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
@@ -111,8 +108,7 @@ def gust(
     """Step every aircraft's gusts by `step_s`, or draw their steady state at the `start`; writes the air's velocity.
 
     Shapes, n aircraft: `who` (n,) their addresses in chance, `steady_enu_mps` (3,), `velocity` (n, 3), `height` (n,)
-    above
-    the floor, `state` (n, 5) of the filters, `air` (n, 3) east-north-up.
+    above the floor, `state` (n, 5) of the filters, `air` (n, 3) east-north-up.
     """
     mean = math.sqrt(steady_enu_mps[0] * steady_enu_mps[0] + steady_enu_mps[1] * steady_enu_mps[1])
     along_e, along_n = (steady_enu_mps[0] / mean, steady_enu_mps[1] / mean) if mean > 0.0 else (1.0, 0.0)

@@ -21,9 +21,9 @@ from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
-from skyrange.world.collisions import Bodies, shape_row
+from skyrange.world.collisions import Bodies
 from skyrange.world.contacts import Contacts
-from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
+from skyrange.world.nearness import shape_row
 from skyrange.world.wind import CALM, Wind, faults_of
 
 if TYPE_CHECKING:
@@ -94,6 +94,7 @@ class World:
         self._height = np.zeros(n)
         self._floor = np.zeros(n)
         self._before = self._position.copy()
+        self._way = np.zeros(n)
         self._stride = np.zeros(1)
         self._wind = wind
         self._steady = np.array(wind.steady_enu_mps, dtype=np.float64)
@@ -155,6 +156,7 @@ class World:
             self._height,
             self._work_j,
             self._before,
+            self._way,
             self._stride,
         )
         self._bodies = Bodies(
@@ -168,6 +170,7 @@ class World:
             self._limit,
             self._floor,
             self._alive,
+            self._way,
             self._shape,
             self._airframe,
         )

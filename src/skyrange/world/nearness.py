@@ -1,0 +1,153 @@
+"""Who is near enough to touch anything soon? Bounds that let a tick look at hardly anyone.
+
+`travelled` is the sum over ticks of the longest way that any aircraft went, so two aircraft a gap g apart cannot touch
+before it has grown by g/2. Pairs that are near are listed by a census over a grid of cells, made again when
+`travelled` has grown by half of how near was near. This only skips what cannot touch, so no result depends on who else
+flies. Against walls the bound is each aircraft's own `way`, because with a look the floor below it may change.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.city.walls import MARGIN_M, Walls, cell_at, footprint, outside
+from skyrange.core.compiled import kernel
+from skyrange.world.airframes import Airframe
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NEAR_M = 10.0
+"""A pair closer than this is on the census's list."""
+ON_ROOF_M = 0.02  # so far below a roof the gear still stands on it
+_EDGE_M = 0.25  # how exactly a roof's edge is known as the end of the floor, as half a gear's width
+
+RADIUS, HEIGHT, CG, MASS, PER_JX, PER_JY, PER_JZ, PROPELLER, ROTORS = range(9)  # then two per rotor
+"""Columns of `shape_row`."""
+
+
+def shape_row(airframe: Airframe) -> list[float]:
+    """An airframe's numbers as the kernels read them."""
+    row = [airframe.radius_m, airframe.height_m, airframe.cg_height_m, airframe.mass_kg]
+    row += [1.0 / moment for moment in airframe.inertia_kgm2]
+    row.append(airframe.propeller_m)
+    for rotor in airframe.rotors:
+        row += [rotor.forward_m, rotor.left_m]
+    return row
+
+
+@kernel
+def due(travelled: float, pair_due: Floats, way: Floats, wall_due: Floats) -> int:
+    """How many pairs and aircraft have to be looked at."""
+    count = 0
+    for k in range(pair_due.shape[0]):
+        count += travelled > pair_due[k]
+    for i in range(wall_due.shape[0]):
+        count += way[i] > wall_due[i]
+    return count
+
+
+@kernel
+def gap_of(a: Floats, b: Floats, radii: float, height_a: float, height_b: float) -> float:
+    """How far apart two cylinders are, 0 if they overlap."""
+    x, y = a[0] - b[0], a[1] - b[1]
+    across = max(math.sqrt(x * x + y * y) - radii, 0.0)
+    up = max(max(a[2] - b[2] - height_b, b[2] - a[2] - height_a), 0.0)
+    return math.sqrt(across * across + up * up)
+
+
+@kernel
+def _bucket(column: int, row: int, mask: int) -> int:
+    return (column * 73856093 ^ row * 19349663) & mask
+
+
+@kernel
+def census(
+    order: Ints, shape: Floats, airframe: Ints, position: Floats, travelled: float
+) -> tuple[NDArray[np.int64], Floats]:
+    """All pairs nearer than `NEAR_M`: rows (k, 2) and until when neither needs a look (k,), in the order of ids."""
+    n = order.shape[0]
+    widest = 0.0
+    for f in range(shape.shape[0]):
+        widest = max(widest, shape[f, RADIUS])
+    side = NEAR_M + 2.0 * widest
+    size = 1
+    while size < 2 * n:
+        size *= 2
+    head = np.full(size, -1, dtype=np.int64)
+    follow = np.full(n, -1, dtype=np.int64)
+    cell = np.empty((n, 2), dtype=np.int64)
+    for k in range(n - 1, -1, -1):  # the last first, so that a chain goes up in order
+        i = order[k]
+        cell[k, 0], cell[k, 1] = math.floor(position[i, 0] / side), math.floor(position[i, 1] / side)
+        bucket = _bucket(cell[k, 0], cell[k, 1], size - 1)
+        follow[k] = head[bucket]
+        head[bucket] = k
+    pairs = np.empty((4 * n, 2), dtype=np.int64)
+    until = np.empty(4 * n)
+    count = 0
+    for k in range(n):
+        i = order[k]
+        begin = count
+        for column in range(cell[k, 0] - 1, cell[k, 0] + 2):
+            for row in range(cell[k, 1] - 1, cell[k, 1] + 2):
+                other = head[_bucket(column, row, size - 1)]
+                while other >= 0:
+                    if other > k and cell[other, 0] == column and cell[other, 1] == row:
+                        j = order[other]
+                        a, b = shape[airframe[i]], shape[airframe[j]]
+                        gap = gap_of(position[i], position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
+                        if gap < NEAR_M:
+                            if count == pairs.shape[0]:
+                                pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                                until = np.concatenate((until, np.empty_like(until)))
+                            place = count  # insertion by id: cells come in the order of space
+                            while place > begin and pairs[place - 1, 1] > other:
+                                pairs[place, 1], until[place] = pairs[place - 1, 1], until[place - 1]
+                                place -= 1
+                            pairs[place, 1], until[place] = other, travelled + 0.5 * gap
+                            count += 1
+                    other = follow[other]
+        for place in range(begin, count):
+            pairs[place, 0] = i
+            pairs[place, 1] = order[pairs[place, 1]]
+    return pairs[:count].copy(), until[:count].copy()
+
+
+@kernel
+def around(walls: Walls, place: Floats, radius: float, height: float) -> tuple[float, float]:
+    """The height of what is below a place, 0 for the ground, and how far an aircraft there can go before it changes.
+
+    "Changes": it touches a building, or leaves the roof below it, or comes over another one (known to `_EDGE_M`).
+    """
+    floor, free = 0.0, MARGIN_M - radius
+    cell = cell_at(walls, place[0], place[1])
+    if cell < 0:
+        return floor, free
+    for k in range(walls.cells[cell], walls.cells[cell + 1]):
+        b = walls.near[k]
+        base, top = walls.box[b, 4], walls.box[b, 5]
+        if outside(walls, b, place[0], place[1]) - radius >= free:
+            continue
+        inside, away, _, _ = footprint(walls, b, place[0], place[1])
+        above = place[2] >= top - ON_ROOF_M
+        if above:
+            free = min(free, max(away, _EDGE_M))
+        if inside and above:
+            floor = max(floor, top)
+            continue
+        up = max(max(place[2] - top, base - place[2] - height), 0.0)
+        across = 0.0 if inside else max(away - radius, 0.0)
+        free = min(free, math.sqrt(up * up + across * across))
+    return floor, free
+
+
+@kernel
+def stand(walls: Walls, position: Floats, shape: Floats, airframe: Ints, floor: Floats, wall_due: Floats) -> None:
+    """What is below each aircraft at the start (`floor`), and how far it may go (`wall_due`, -1 inside a building)."""
+    for i in range(position.shape[0]):
+        p = shape[airframe[i]]
+        floor[i], wall_due[i] = around(walls, position[i], p[RADIUS], p[HEIGHT])
