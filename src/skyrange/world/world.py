@@ -24,6 +24,7 @@ from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
 from skyrange.world.collisions import Bodies
 from skyrange.world.contacts import Contacts
 from skyrange.world.nearness import shape_row
+from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
 from skyrange.world.wind import CALM, Wind, faults_of
 
 if TYPE_CHECKING:

@@ -35,8 +35,6 @@ _GLYPHS = {
     "event.estimator": ("alarm", "estimator"),
     "event.glitch": ("alarm", "GNSS glitch"),
     "event.outcome": ("outcome", "mission outcome"),
-    "event.collision": ("crash", "collision"),
-    "event.crash": ("crash", "crash"),
 }
 _SHAPES = {
     "armed": '<circle r="4.5" class="hollow"/>',
