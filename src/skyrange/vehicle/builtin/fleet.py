@@ -19,7 +19,7 @@ from skyrange.codec.mavlink import Packer, dialect
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
-from skyrange.vehicle.builtin.layout import Control, Records
+from skyrange.vehicle.builtin.layout import GAINS, LEGS, Control, Records, zeros
 
 Causes = tuple[FrameId, ...]
 COMPONENT = 1
@@ -43,6 +43,10 @@ class Timer(IntEnum):
     """A velocity target runs out."""
     PARAMS = 5
     """The next values of a parameter list."""
+    STICKS = 6
+    """A pilot's stick that MAVLink set runs out."""
+    CONDITION = 7
+    """The next look at what a mission's DO items wait for."""
 
 
 @dataclass(slots=True)
@@ -122,7 +126,14 @@ class Craft:
     ready: bool = False
     """Allowed to leave the ground (ArduPilot's `auto_armed`)."""
     target_causes: Causes = ()
-    yaw_free: bool = True
+    do_next: int = 0
+    """The DO item that is due while the navigation item under way is flown, 0 for none."""
+    condition: tuple[int, float] = (0, 0.0)
+    """The CONDITION item that DO items wait for, and its number: the time it ends, or metres; 0 for none."""
+    reached: dict[int, Time] = field(default_factory=dict)
+    """When each item was reached last."""
+    overrides: dict[int, tuple[int, Time]] = field(default_factory=dict)
+    """RC channels that MAVLink sets: µs and since when."""
     params_next: int = 0
     bad_frames: int = 0
     ignored: int = 0
@@ -145,6 +156,8 @@ class Fleet:
         self.estimate = estimate
         self.flight = flight
         self.settings = settings
+        self.legs = zeros(LEGS, len(crafts))
+        self.gains = zeros(GAINS, len(crafts))
         self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
         self.now: Time = 0
         self.outbox = Outbox()
@@ -212,10 +225,11 @@ class Fleet:
         flight["speed_down"][row] = self.param(craft, "WPNAV_SPEED_DN") * 0.01
         flight["accel_xy"][row] = self.param(craft, "WPNAV_ACCEL") * 0.01
         flight["accel_z"][row] = self.param(craft, "WPNAV_ACCEL_Z") * 0.01
+        flight["replan"][row] = 0
 
     def fly(self, craft: Craft, control: Control, target_vel: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
         """Give a flying craft another control and velocity target; the reference goes on from where it is."""
         row = craft.row
         self.flight["control"][row] = control
         self.flight["target_vel"][row] = target_vel
-        self.flight["fast"][row] = 0
+        self.flight["target_acc"][row] = 0.0

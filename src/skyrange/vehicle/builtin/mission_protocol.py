@@ -14,6 +14,7 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin import navigator
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
+from skyrange.vehicle.builtin.item_kinds import JUMP
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
 from skyrange.vehicle.builtin.modes import Mode
 
@@ -136,7 +137,7 @@ def _store(craft: Craft, message: Any, causes: Causes) -> int:
     if slot is None:
         return result
     count = len(craft.mission)
-    if slot.command == navigator.JUMP:
+    if slot.command == JUMP:
         target = int(slot.param1)
         if target == 0 or (target >= count and target > craft.upload.last):
             return int(dialect.MAV_MISSION_ERROR)
