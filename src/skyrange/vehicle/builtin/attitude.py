@@ -12,25 +12,28 @@ import math
 from typing import Any
 
 from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.shaping import clamp, sqrt_controller
 
-GRAVITY_MPS2 = 9.80665
-"""ArduPilot's GRAVITY_MSS (libraries/AP_Math/definitions.h)."""
 _CDEG = math.pi / 18_000.0
 _TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
+_TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
+_TILT_FAR2 = math.sin(_TILT_ERROR_RAD) ** 2
 _YAW_HEADROOM = 0.2  # MOT_YAW_HEADROOM's 200 of 1000
 
 
 @kernel
+def _double_arcsine(s2: float) -> float:
+    """2·asin(s)/s by its series, exact to 1e-9 for squares up to 0.04."""
+    return 2.0 + s2 * (
+        1.0 / 3.0 + s2 * (3.0 / 20.0 + s2 * (15.0 / 168.0 + s2 * (105.0 / 1728.0 + s2 * 945.0 / 21120.0)))
+    )
+
+
+@kernel
 def _angle_over_sine(s: float, c: float) -> float:
-    """2·atan2(s, c) / s for the sine s ≥ 0 and cosine c of half an angle; by its series where that is exact to 1e-9."""
-    s2 = s * s
-    if c > 0.0 and s2 < 0.04:
-        return 2.0 * (
-            1.0
-            + s2 * (1.0 / 6.0 + s2 * (3.0 / 40.0 + s2 * (15.0 / 336.0 + s2 * (105.0 / 3456.0 + s2 * 945.0 / 42240.0))))
-        )
-    return 2.0 * math.atan2(s, c) / s
+    """2·atan2(s, c) / s for the sine s ≥ 0 and cosine c of half an angle."""
+    return 2.0 * math.atan2(s, c) / s if s > 0.0 else 2.0
 
 
 @kernel
@@ -49,17 +52,30 @@ def rotation(
 
 @kernel
 def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """A rotation as (roll, pitch, yaw errors in rad, tilt angle): first the thrust is tilted, then turned about."""
-    upright = math.sqrt(w * w + z * z)
-    if upright < 1e-9:  # upside down: any way over is as good
-        return math.pi, 0.0, 0.0, math.pi
-    scale = 1.0 / upright
-    tw = w * scale
+    """A rotation as (roll, pitch, yaw errors in rad, squared sine of half the tilt): tilted first, then turned about.
+
+    Small tilts and turns by series that are exact to 1e-9: asin(s)/(s·√(1-s²)) and 1/√(1-s²).
+    """
+    s2 = x * x + y * y
+    if s2 < 0.04:
+        ratio = 2.0 + s2 * (
+            4.0 / 3.0
+            + s2 * (16.0 / 15.0 + s2 * (32.0 / 35.0 + s2 * (256.0 / 315.0 + s2 * (512.0 / 693.0 + s2 * 2048.0 / 3003.0))))
+        )
+        scale = 1.0 + s2 * (0.5 + s2 * (0.375 + s2 * (0.3125 + s2 * (35.0 / 128.0 + s2 * (63.0 / 256.0)))))
+    else:
+        level = math.sqrt(w * w + z * z)
+        if level < 1e-9:  # upside down: any way over is as good
+            return math.pi, 0.0, 0.0, 1.0
+        scale = 1.0 / level
+        ratio = scale * _angle_over_sine(math.sqrt(s2), level)
     tz = z * scale
-    tilt = math.sqrt(x * x + y * y)
-    ratio = _angle_over_sine(tilt, upright)
-    yaw = _angle_over_sine(abs(tz), tw) * tz
-    return (x * tw - y * tz) * ratio, (y * tw + x * tz) * ratio, yaw, tilt * ratio
+    z2 = tz * tz
+    if z2 < 0.04 and w > 0.0:
+        yaw = tz * _double_arcsine(z2)
+    else:
+        yaw = tz * _angle_over_sine(abs(tz), w * scale)
+    return (x * w - y * z) * ratio, (y * w + x * z) * ratio, yaw, s2
 
 
 @kernel
@@ -192,8 +208,8 @@ def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
     w, x, y, z = rotation(
         e.quat[0], e.quat[1], e.quat[2], e.quat[3], f.att[0], f.att[1], f.att[2], f.att[3]
     )
-    roll, pitch, yaw, tilt = tilt_and_turn(w, x, y, z)
-    f.tilt_error = tilt
+    roll, pitch, yaw, tilted = tilt_and_turn(w, x, y, z)
+    f.tilt_half2 = tilted
     if abs(yaw) > g.yaw_error_max:  # the target does not run away from a nose that cannot follow
         held = clamp(yaw, -g.yaw_error_max, g.yaw_error_max)
         s = math.sin(0.5 * (held - yaw))
@@ -219,10 +235,10 @@ def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
     v = 2.0 * (z * a - x * c)
     t = 2.0 * (x * b - y * a)
     a, b, c = a + w * u + (y * t - z * v), b + w * v + (z * u - x * t), c + w * t + (x * v - y * u)
-    if tilt > 2.0 * _TILT_ERROR_RAD:
+    if tilted > _TILT_FAR2:
         yaw_rate = e.rate[2]
-    elif tilt > _TILT_ERROR_RAD:
-        forward = 2.0 - tilt / _TILT_ERROR_RAD
+    elif tilted > _TILT_NEAR2:
+        forward = 2.0 - 2.0 * math.asin(math.sqrt(tilted)) / _TILT_ERROR_RAD
         roll_rate += a * forward
         pitch_rate += b * forward
         yaw_rate = e.rate[2] * (1.0 - forward) + (yaw_rate + c) * forward
@@ -255,33 +271,26 @@ def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rat
 
 
 @kernel
-def mix(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
-    """Commands of all motors for a thrust 0…1 and three efforts; whether thrust had to give way.
+def _command(g: Any, thrust: float) -> float:
+    """The actuator command for a share of full thrust: the inverse of the thrust curve, at least MOT_SPIN_MIN."""
+    thrust = clamp(thrust, 0.0, 1.0)
+    if g.expo > 1e-6:
+        thrust = math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
+    elif g.expo < -1e-6:
+        thrust = -math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
+    return max(thrust, g.spin_min)
 
-    Roll and pitch come first, then some yaw, then thrust, which may be raised to `average` for their sake. Positive
-    roll lowers the right side, positive pitch lowers the nose, positive yaw turns left.
-    """
-    throttle = clamp(throttle, 0.0, 1.0)
-    full = throttle >= 1.0
-    average = clamp(average, throttle, 1.0)
-    best = min(0.5, average)
-    allowed = 1.0
-    for m in range(g.motors):
-        part = roll * g.roll[m] + pitch * g.pitch[m]
-        out[m] = part
-        factor = g.yaw[m]
-        if factor != 0.0:
-            room = 1.0 - best - part if yaw * factor > 0.0 else best + part
-            allowed = min(allowed, max(room, 0.0) / abs(factor))
-    allowed = max(allowed, _YAW_HEADROOM)
-    yaw = clamp(yaw, -allowed, allowed)
-    low = 1.0
-    high = -1.0
-    for m in range(g.motors):
-        part = out[m] + yaw * g.yaw[m]
-        out[m] = part
-        low = min(low, part)
-        high = max(high, part)
+
+@kernel
+def _yaw_room(part: float, factor: float, best: float, yaw: float) -> float:
+    """How much yaw a motor, whose share in it is ±½, allows on top of its part in roll and pitch."""
+    # up to full thrust where yaw adds to it, else down to none; without a branch that noise would make a guess of
+    return 1.0 + math.copysign(1.0, yaw * factor) * (1.0 - 2.0 * (best + part))
+
+
+@kernel
+def _fit(throttle: float, average: float, low: float, high: float) -> tuple[float, float, bool]:
+    """(what is added to every motor, scale of the efforts, whether thrust had to give way)."""
     scale = 1.0
     if high - low > 1.0:
         scale = 1.0 / (high - low)
@@ -290,6 +299,7 @@ def mix(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: f
     high *= scale
     low *= scale
     more = throttle + low
+    full = throttle >= 1.0
     if scale < 1.0:
         full = full or more > 0.0
         more = 0.0
@@ -298,14 +308,63 @@ def mix(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: f
     elif more > 1.0 + low - high:
         more = 1.0 + low - high
         full = True
-    base = more - low
-    for m in range(g.motors):
-        thrust = clamp(base + scale * out[m], 0.0, 1.0)
-        if abs(g.expo) > 1e-6:
-            thrust = math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c if g.expo > 0.0 else -math.sqrt(
-                g.expo_a + g.expo_b * thrust
-            ) - g.expo_c
-        out[m] = max(thrust, g.spin_min)
+    return more - low, scale, full
+
+
+@kernel
+def _mix4(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
+    """`mix` of four motors, in registers."""
+    best = min(0.5, average)
+    a = roll * g.roll[0] + pitch * g.pitch[0]
+    b = roll * g.roll[1] + pitch * g.pitch[1]
+    c = roll * g.roll[2] + pitch * g.pitch[2]
+    d = roll * g.roll[3] + pitch * g.pitch[3]
+    allowed = min(_yaw_room(a, g.yaw[0], best, yaw), _yaw_room(b, g.yaw[1], best, yaw))
+    allowed = min(allowed, min(_yaw_room(c, g.yaw[2], best, yaw), _yaw_room(d, g.yaw[3], best, yaw)))
+    allowed = max(min(allowed, 1.0), _YAW_HEADROOM)
+    yaw = clamp(yaw, -allowed, allowed)
+    a += yaw * g.yaw[0]
+    b += yaw * g.yaw[1]
+    c += yaw * g.yaw[2]
+    d += yaw * g.yaw[3]
+    base, scale, full = _fit(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
+    out[0] = _command(g, base + scale * a)
+    out[1] = _command(g, base + scale * b)
+    out[2] = _command(g, base + scale * c)
+    out[3] = _command(g, base + scale * d)
+    return full
+
+
+@kernel
+def mix(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
+    """Commands of all motors for a thrust 0…1 and three efforts; whether thrust had to give way.
+
+    Roll and pitch come first, then some yaw, then thrust, which may be raised to `average` for their sake. Positive
+    roll lowers the right side, positive pitch lowers the nose, positive yaw turns left.
+    """
+    throttle = clamp(throttle, 0.0, 1.0)
+    average = clamp(average, throttle, 1.0)
+    if g.motors == 4:
+        full = _mix4(g, out, throttle, average, roll, pitch, yaw)
+    else:
+        best = min(0.5, average)
+        allowed = 1.0
+        for m in range(g.motors):
+            part = roll * g.roll[m] + pitch * g.pitch[m]
+            out[m] = part
+            allowed = min(allowed, _yaw_room(part, g.yaw[m], best, yaw))
+        allowed = max(allowed, _YAW_HEADROOM)
+        yaw = clamp(yaw, -allowed, allowed)
+        low = 1.0
+        high = -1.0
+        for m in range(g.motors):
+            part = out[m] + yaw * g.yaw[m]
+            out[m] = part
+            low = min(low, part)
+            high = max(high, part)
+        base, scale, full = _fit(throttle, average, low, high)
+        for m in range(g.motors):
+            out[m] = _command(g, base + scale * out[m])
     for m in range(g.motors, out.shape[0]):
         out[m] = 0.0
     return full

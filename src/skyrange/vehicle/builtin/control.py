@@ -2,7 +2,7 @@
 
 Gains, limits and structure are those of libraries/AC_AttitudeControl/AC_PosControl.cpp (`update_NE_controller`,
 `update_U_controller`, `handle_ekf_NE_reset`, `soften_for_landing_NE`) and AC_AttitudeControl_Multi.cpp
-(`get_throttle_boosted`, `get_throttle_avg_max`). Positions and velocities are controlled at 100 Hz (`SLOW_S`), the
+(`get_throttle_boosted`, `get_throttle_avg_max`). Positions and velocities are controlled at 100 Hz (`gains.SLOW_S`), the
 vertical acceleration and the attitude at the loop's own rate. ArduCopter does all at 400 Hz; the velocity filters
 (5 Hz) and the input shaping (0.15 s) leave nothing between that is faster than 100 Hz.
 """
@@ -13,21 +13,12 @@ import math
 from typing import Any
 
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.attitude import GRAVITY_MPS2, cos_lean, efforts, mix, wanted_rates
-from skyrange.vehicle.builtin.gains import share
+from skyrange.vehicle.builtin.attitude import cos_lean, efforts, mix, wanted_rates
 from skyrange.vehicle.builtin.shaping import clamp, limit_xy, sqrt_controller, sqrt_controller_xy
 
-SLOW_S = 0.01
-_CDEG = math.pi / 18_000.0
 _LEAN_COS_MIN = 0.5  # the angle boost's limit (AC_AttitudeControl_Multi::get_throttle_boosted)
 _MIX_MAX = 0.5  # ATC_THR_MIX_MAX: how much attitude may raise the thrust, of hover
 _MIX_MIN = 0.1  # ATC_THR_MIX_MIN: while it comes down to the ground
-
-
-@kernel
-def angle_accel(p: Any) -> float:
-    """The horizontal acceleration of the largest lean, m/s²."""
-    return GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG)
 
 
 @kernel
@@ -52,7 +43,7 @@ def _limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) ->
 
 
 @kernel
-def horizontal(e: Any, f: Any, p: Any, correction_mps: float, dt_s: float) -> tuple[float, float]:
+def horizontal(e: Any, f: Any, p: Any, g: Any, correction_mps: float, dt_s: float) -> tuple[float, float]:
     """The horizontal acceleration to ask for, m/s² (east, north), within the lean limit.
 
     Position error by a square-root controller to velocity (at most `correction_mps`), velocity error by a PID, plus
@@ -67,17 +58,15 @@ def horizontal(e: Any, f: Any, p: Any, correction_mps: float, dt_s: float) -> tu
     f.pos_err[1] = f.ref_pos[1] - e.pos[1]
     want_e, want_n = sqrt_controller_xy(f.pos_err[0], f.pos_err[1], p.PSC_POSXY_P, f.accel_xy, dt_s)
     want_e, want_n = limit_xy(want_e, want_n, correction_mps)
-    error_share = share(p.PSC_VELXY_FLTE, dt_s)
-    d_share = share(p.PSC_VELXY_FLTD, dt_s)
     last_e = f.vel_err[0]
     last_n = f.vel_err[1]
-    f.vel_err[0] += (want_e + f.ref_vel[0] - e.vel[0] - last_e) * error_share
-    f.vel_err[1] += (want_n + f.ref_vel[1] - e.vel[1] - last_n) * error_share
-    f.vel_d[0] += ((f.vel_err[0] - last_e) / dt_s - f.vel_d[0]) * d_share
-    f.vel_d[1] += ((f.vel_err[1] - last_n) / dt_s - f.vel_d[1]) * d_share
+    f.vel_err[0] += (want_e + f.ref_vel[0] - e.vel[0] - last_e) * g.vel_share
+    f.vel_err[1] += (want_n + f.ref_vel[1] - e.vel[1] - last_n) * g.vel_share
+    f.vel_d[0] += ((f.vel_err[0] - last_e) / dt_s - f.vel_d[0]) * g.vel_d_share
+    f.vel_d[1] += ((f.vel_err[1] - last_n) / dt_s - f.vel_d[1]) * g.vel_d_share
     ask_e = p.PSC_VELXY_P * f.vel_err[0] + f.vel_i[0] + p.PSC_VELXY_D * f.vel_d[0] + f.ref_acc[0]
     ask_n = p.PSC_VELXY_P * f.vel_err[1] + f.vel_i[1] + p.PSC_VELXY_D * f.vel_d[1] + f.ref_acc[1]
-    got_e, got_n = _limit_accel(f.ref_vel[0], f.ref_vel[1], ask_e, ask_n, angle_accel(p))
+    got_e, got_n = _limit_accel(f.ref_vel[0], f.ref_vel[1], ask_e, ask_n, g.lean_accel)
     cut = got_e != ask_e or got_n != ask_n
     f.limit[0] = ask_e if cut else 0.0
     f.limit[1] = ask_n if cut else 0.0
@@ -92,11 +81,11 @@ def horizontal(e: Any, f: Any, p: Any, correction_mps: float, dt_s: float) -> tu
 
 
 @kernel
-def climb(e: Any, f: Any, p: Any, dt_s: float) -> None:
+def climb(e: Any, f: Any, p: Any, g: Any, dt_s: float) -> None:
     """The vertical acceleration to ask for, m/s², from the errors of height and climb rate."""
     want = sqrt_controller(f.ref_pos[2] - e.pos[2], p.PSC_POSZ_P, f.accel_z, dt_s)
     want = clamp(want, -max(f.speed_down, 0.5), max(f.speed_up, 0.5)) + f.ref_vel[2]
-    f.climb_err += (want - e.vel[2] - f.climb_err) * share(p.PSC_VELZ_FLTE, dt_s)
+    f.climb_err += (want - e.vel[2] - f.climb_err) * g.climb_share
     f.climb_accel = p.PSC_VELZ_P * f.climb_err + f.ref_acc[2]
 
 

@@ -14,6 +14,10 @@ from skyrange.vehicle.builtin.shaping import clamp
 from skyrange.world.airframes import Airframe
 
 TUNE_S = 0.1
+SLOW_S = 0.01
+"""How often guidance and position control run, at least a step of the loop."""
+GRAVITY_MPS2 = 9.80665
+"""ArduPilot's GRAVITY_MSS (libraries/AP_Math/definitions.h)."""
 _CDEG = math.pi / 18_000.0
 # AC_AttitudeControl.h: AC_ATTITUDE_ACCEL_{RP,Y}_CONTROLLER_{MIN,MAX}_RADSS, AC_ATTITUDE_YAW_MAX_ERROR_ANGLE_RAD
 _ACCEL_RP_MIN = math.radians(40.0)
@@ -70,6 +74,11 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
     g.d_share[0] = share(p.ATC_RAT_RLL_FLTD, dt_s)
     g.d_share[1] = share(p.ATC_RAT_PIT_FLTD, dt_s)
     g.accel_share = share(p.PSC_ACCZ_FLTE, dt_s)
+    slow_s = math.ceil(SLOW_S / dt_s - 1e-6) * dt_s
+    g.vel_share = share(p.PSC_VELXY_FLTE, slow_s)
+    g.vel_d_share = share(p.PSC_VELXY_FLTD, slow_s)
+    g.climb_share = share(p.PSC_VELZ_FLTE, slow_s)
+    g.lean_accel = GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG)
     # PSC_ACCZ gains are per cm/s² and in 1/1000 of full throttle: 0.1 per m/s²
     g.accel_p = 0.1 * p.PSC_ACCZ_P
     g.accel_i = 0.1 * p.PSC_ACCZ_I * dt_s

@@ -160,6 +160,7 @@ FLIGHT: Final = np.dtype(
         ("rate_i", "f8", (3,)),
         ("tilt_target", "f8"),
         ("tilt_error", "f8"),
+        ("tilt_half2", "f8"),  # the squared sine of half of it, at the loop's rate
         # landing detector
         ("land_accel", "f8", (3,)),
         ("land_s", "f8"),
@@ -182,6 +183,10 @@ GAINS: Final = np.dtype(
         ("error_share", "f8", (3,)),
         ("d_share", "f8", (2,)),
         ("accel_share", "f8"),
+        ("vel_share", "f8"),  # those of position control, in its own steps
+        ("vel_d_share", "f8"),
+        ("climb_share", "f8"),
+        ("lean_accel", "f8"),  # m/s², of the largest lean
         ("accel_p", "f8"),
         ("accel_i", "f8"),
         ("accel_imax", "f8"),

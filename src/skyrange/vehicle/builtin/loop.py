@@ -1,7 +1,7 @@
 """What happens in one turn of the main loop, for every aircraft? Estimate, guide, control, detect landing.
 
 Two kernels over all rows: `ideal_estimate` (the seam for an estimator) and `turn`. Attitude and thrust are controlled
-in each turn; guidance, position control and the detectors run every `control.SLOW_S`.
+in each turn; guidance, position control and the detectors run every `gains.SLOW_S`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 from skyrange.agent.contracts import Floats
 from skyrange.core.compiled import kernel
 from skyrange.vehicle.builtin import attitude, gains, sticks
-from skyrange.vehicle.builtin.attitude import GRAVITY_MPS2
-from skyrange.vehicle.builtin.control import SLOW_S, climb, horizontal, lift, relax, turn_motors
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2, SLOW_S
+from skyrange.vehicle.builtin.control import climb, horizontal, lift, relax, turn_motors
 from skyrange.vehicle.builtin.guidance import guide
 from skyrange.vehicle.builtin.heading import turn as turn_nose
 from skyrange.vehicle.builtin.layout import Control, Flag, Heading, Records
@@ -193,6 +193,7 @@ def _soften(e: Any, f: Any, dt_s: float) -> None:
 @kernel
 def _touch(e: Any, f: Any, dt_s: float) -> None:
     """Landed: least throttle, still and level for a second. Crashed: two seconds far from the wanted attitude."""
+    f.tilt_error = 2.0 * math.asin(min(math.sqrt(f.tilt_half2), 1.0))
     rc = 1.0 / (2.0 * math.pi * _LAND_FILTER_HZ)
     size = 0.0
     for axis in range(3):
@@ -226,12 +227,12 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
 
 
 @kernel
-def _steer(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
+def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
     """The slow part of control: reference, position and height, and what attitude they ask for."""
     control = f.control
     guide(e, f, w, p, dt_s)
     if control != _STABILIZE:
-        climb(e, f, p, dt_s)
+        climb(e, f, p, g, dt_s)
     most = p.ANGLE_MAX * _CDEG
     if control == _STABILIZE or control == _ALT_HOLD:
         forward, left = sticks.lean(e, f, most, most)
@@ -254,7 +255,7 @@ def _steer(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         attitude.follow(f, p, dt_s)
         return
     correction = sticks.CORRECTION_MPS if control == _LOITER else max(f.speed_xy, 1.0)
-    acc_e, acc_n = horizontal(e, f, p, correction, dt_s)
+    acc_e, acc_n = horizontal(e, f, p, g, correction, dt_s)
     if control == _LOITER:
         attitude.aim(f, p, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
         return
@@ -304,7 +305,7 @@ def turn(
             if slow:
                 slow_s = f.slow_s if f.slow_s < 2.0 * SLOW_S else max(SLOW_S, dt_s)
                 f.slow_s = 0.0
-                _steer(e, f, legs[i], settings[i], slow_s)
+                _steer(e, f, legs[i], settings[i], g, slow_s)
             if control != _STABILIZE:
                 f.throttle = lift(e, f, g)
                 if f.rates_only == 0 or control != _ATTITUDE:

@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.attitude import GRAVITY_MPS2
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.shaping import clamp, limit_xy, sqrt_controller
 
 THROTTLE_MID = 0.484

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.compiled import kernel
 from skyrange.vehicle.builtin import scurve, spline
-from skyrange.vehicle.builtin.attitude import GRAVITY_MPS2
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.layout import Control, Flag, Records
 from skyrange.vehicle.builtin.shaping import clamp, stopping_distance
 
@@ -180,12 +180,13 @@ def _pace(e: Any, f: Any, p: Any, dt_s: float) -> float:
     wanted = 1.0
     speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
     if speed > 0.0:
-        ahead_m = 0.0
-        made_mps = 0.0
+        per = 1.0 / (speed * speed)
+        ahead = 0.0
+        made = 0.0
         for axis in range(3):
-            ahead_m += (f.ref_pos[axis] - e.pos[axis]) * f.ref_vel[axis] / speed
-            made_mps += e.vel[axis] * f.ref_vel[axis] / speed
-        wanted = clamp(0.05 + (made_mps - p.PSC_POSXY_P * ahead_m) / speed, 0.0, 1.0)
+            ahead += (f.ref_pos[axis] - e.pos[axis]) * f.ref_vel[axis]
+            made += e.vel[axis] * f.ref_vel[axis]
+        wanted = clamp(0.05 + (made - p.PSC_POSXY_P * ahead) * per, 0.0, 1.0)
     f.track_lag += (1.0 - wanted - f.track_lag) * min(1.0, dt_s * p.WPNAV_JERK / f.accel_xy)
     scaled: float = dt_s * (1.0 - f.track_lag)
     return scaled
@@ -258,7 +259,8 @@ def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
             f.ref_pos[axis] = w.origin[axis] - w.tail.unit[axis] * w.tail.length
             f.ref_vel[axis] = 0.0
             f.ref_acc[axis] = 0.0
-        _go(f, w.tail, step_s)
+        if w.tail.live == 1:
+            _go(f, w.tail, step_s)
         _go(f, w.leg, step_s)
         done = scurve.finished(w.leg)
         left = scurve.duration(w.leg) - w.leg.t
