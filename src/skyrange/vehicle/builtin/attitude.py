@@ -15,7 +15,6 @@ from skyrange.core.compiled import kernel
 from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.shaping import clamp, sqrt_controller
 
-_CDEG = math.pi / 18_000.0
 _TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
 _TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
 _TILT_FAR2 = math.sin(_TILT_ERROR_RAD) ** 2
@@ -28,6 +27,14 @@ def _double_arcsine(s2: float) -> float:
     return 2.0 + s2 * (
         1.0 / 3.0 + s2 * (3.0 / 20.0 + s2 * (15.0 / 168.0 + s2 * (105.0 / 1728.0 + s2 * 945.0 / 21120.0)))
     )
+
+
+@kernel
+def whole_angle(s2: float) -> float:
+    """An angle from the squared sine of its half."""
+    s2 = clamp(s2, 0.0, 1.0)
+    s = math.sqrt(s2)
+    return s * _double_arcsine(s2) if s2 < 0.04 else 2.0 * math.asin(s)
 
 
 @kernel
@@ -101,11 +108,11 @@ def start_at(e: Any, f: Any) -> None:
 
 
 @kernel
-def follow(f: Any, p: Any, dt_s: float) -> None:
+def follow(f: Any, g: Any, dt_s: float) -> None:
     """Shape the attitude target towards `want_quat`, which turns at `want_rate` (`input_quaternion`)."""
     _turn_on(f.want_quat, f.want_rate, dt_s)
     q = f.want_quat
-    steer(f, p, q[0], q[1], q[2], q[3], False, f.want_rate[2], dt_s)
+    steer(f, g, q[0], q[1], q[2], q[3], False, f.want_rate[2], dt_s)
 
 
 @kernel
@@ -115,7 +122,7 @@ def _shape(rate: float, wanted: float, accel: float, dt_s: float) -> float:
 
 
 @kernel
-def aim(f: Any, p: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, yaw_rate: float, dt_s: float) -> None:
+def aim(f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, yaw_rate: float, dt_s: float) -> None:
     """Shape the attitude target towards a thrust direction and a heading (or, `turning`, a yaw rate alone).
 
     The thrust is to point along the wanted acceleration, m/s², on top of gravity.
@@ -123,7 +130,7 @@ def aim(f: Any, p: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, y
     length = math.sqrt(acc_e * acc_e + acc_n * acc_n + GRAVITY_MPS2 * GRAVITY_MPS2)
     # half-angle form of the shortest rotation from straight up to the thrust direction
     cosine = GRAVITY_MPS2 / length
-    f.tilt_target = math.acos(cosine)
+    f.tilt_cos = cosine
     half = math.sqrt(0.5 * (1.0 + cosine))
     x = -acc_n / length / (2.0 * half)
     y = acc_e / length / (2.0 * half)
@@ -135,28 +142,26 @@ def aim(f: Any, p: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, y
         z = w * s
         w = w * c
         x, y = x * c + y * s, y * c - x * s
-    steer(f, p, w, x, y, z, turning, yaw_rate, dt_s)
+    steer(f, g, w, x, y, z, turning, yaw_rate, dt_s)
 
 
 @kernel
 def steer(
-    f: Any, p: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float
+    f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float
 ) -> None:
     """Shape the attitude target towards an attitude; of its heading only the rate counts where `turning`."""
     ew, ex, ey, ez = rotation(f.att[0], f.att[1], f.att[2], f.att[3], w, x, y, z)
     roll, pitch, turn, _ = tilt_and_turn(ew, ex, ey, ez)
-    gain = 1.0 / max(p.ATC_INPUT_TC, 0.01)
-    accel = p.ATC_ACCEL_R_MAX * _CDEG
-    f.att_rate[0] = _shape(f.att_rate[0], sqrt_controller(roll, gain, accel, dt_s), accel, dt_s)
-    accel = p.ATC_ACCEL_P_MAX * _CDEG
-    f.att_rate[1] = _shape(f.att_rate[1], sqrt_controller(pitch, gain, accel, dt_s), accel, dt_s)
-    accel = p.ATC_ACCEL_Y_MAX * _CDEG
-    most = p.ATC_SLEW_YAW * _CDEG
+    accel = g.accel_max[0]
+    f.att_rate[0] = _shape(f.att_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s)
+    accel = g.accel_max[1]
+    f.att_rate[1] = _shape(f.att_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s)
+    accel = g.accel_max[2]
     if turning:
         f.att_rate[2] = _shape(f.att_rate[2], yaw_rate, accel, dt_s)
     else:
-        wanted = clamp(yaw_rate, -most, most) + sqrt_controller(turn, gain, accel, dt_s)
-        f.att_rate[2] = _shape(f.att_rate[2], clamp(wanted, -most, most), accel, dt_s)
+        wanted = clamp(yaw_rate, -g.slew, g.slew) + sqrt_controller(turn, g.input_p, accel, dt_s)
+        f.att_rate[2] = _shape(f.att_rate[2], clamp(wanted, -g.slew, g.slew), accel, dt_s)
 
 
 @kernel
@@ -315,6 +320,11 @@ def _fit(throttle: float, average: float, low: float, high: float) -> tuple[floa
 def _mix4(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
     """`mix` of four motors, in registers."""
     best = min(0.5, average)
+    span = 0.5 * (abs(roll) + abs(pitch) + abs(yaw))
+    if span <= min(best, throttle) and throttle + span < 1.0:  # far from every limit: nothing has to give way
+        for m in range(4):
+            out[m] = _command(g, throttle + roll * g.roll[m] + pitch * g.pitch[m] + yaw * g.yaw[m])
+        return False
     a = roll * g.roll[0] + pitch * g.pitch[0]
     b = roll * g.roll[1] + pitch * g.pitch[1]
     c = roll * g.roll[2] + pitch * g.pitch[2]

@@ -43,7 +43,7 @@ def _limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) ->
 
 
 @kernel
-def horizontal(e: Any, f: Any, p: Any, g: Any, correction_mps: float, dt_s: float) -> tuple[float, float]:
+def horizontal(e: Any, f: Any, g: Any, correction_mps: float, dt_s: float) -> tuple[float, float]:
     """The horizontal acceleration to ask for, m/s² (east, north), within the lean limit.
 
     Position error by a square-root controller to velocity (at most `correction_mps`), velocity error by a PID, plus
@@ -56,16 +56,16 @@ def horizontal(e: Any, f: Any, p: Any, g: Any, correction_mps: float, dt_s: floa
             f.ref_vel[axis] = e.vel[axis] + f.vel_err[axis]
     f.pos_err[0] = f.ref_pos[0] - e.pos[0]
     f.pos_err[1] = f.ref_pos[1] - e.pos[1]
-    want_e, want_n = sqrt_controller_xy(f.pos_err[0], f.pos_err[1], p.PSC_POSXY_P, f.accel_xy, dt_s)
+    want_e, want_n = sqrt_controller_xy(f.pos_err[0], f.pos_err[1], g.pos_p, f.accel_xy, dt_s)
     want_e, want_n = limit_xy(want_e, want_n, correction_mps)
     last_e = f.vel_err[0]
     last_n = f.vel_err[1]
     f.vel_err[0] += (want_e + f.ref_vel[0] - e.vel[0] - last_e) * g.vel_share
     f.vel_err[1] += (want_n + f.ref_vel[1] - e.vel[1] - last_n) * g.vel_share
-    f.vel_d[0] += ((f.vel_err[0] - last_e) / dt_s - f.vel_d[0]) * g.vel_d_share
-    f.vel_d[1] += ((f.vel_err[1] - last_n) / dt_s - f.vel_d[1]) * g.vel_d_share
-    ask_e = p.PSC_VELXY_P * f.vel_err[0] + f.vel_i[0] + p.PSC_VELXY_D * f.vel_d[0] + f.ref_acc[0]
-    ask_n = p.PSC_VELXY_P * f.vel_err[1] + f.vel_i[1] + p.PSC_VELXY_D * f.vel_d[1] + f.ref_acc[1]
+    f.vel_d[0] += (f.vel_err[0] - last_e - f.vel_d[0]) * g.vel_d_share
+    f.vel_d[1] += (f.vel_err[1] - last_n - f.vel_d[1]) * g.vel_d_share
+    ask_e = g.vel_p * f.vel_err[0] + f.vel_i[0] + g.vel_d * f.vel_d[0] + f.ref_acc[0]
+    ask_n = g.vel_p * f.vel_err[1] + f.vel_i[1] + g.vel_d * f.vel_d[1] + f.ref_acc[1]
     got_e, got_n = _limit_accel(f.ref_vel[0], f.ref_vel[1], ask_e, ask_n, g.lean_accel)
     cut = got_e != ask_e or got_n != ask_n
     f.limit[0] = ask_e if cut else 0.0
@@ -73,20 +73,20 @@ def horizontal(e: Any, f: Any, p: Any, g: Any, correction_mps: float, dt_s: floa
     # at the limit the integral may shrink but not grow
     if not (cut and f.vel_err[0] * ask_e + f.vel_err[1] * ask_n > 0.0):
         f.vel_i[0], f.vel_i[1] = limit_xy(
-            f.vel_i[0] + p.PSC_VELXY_I * f.vel_err[0] * dt_s,
-            f.vel_i[1] + p.PSC_VELXY_I * f.vel_err[1] * dt_s,
-            p.PSC_VELXY_IMAX * 0.01,
+            f.vel_i[0] + g.vel_i * f.vel_err[0] * dt_s,
+            f.vel_i[1] + g.vel_i * f.vel_err[1] * dt_s,
+            g.vel_imax,
         )
     return got_e, got_n
 
 
 @kernel
-def climb(e: Any, f: Any, p: Any, g: Any, dt_s: float) -> None:
+def climb(e: Any, f: Any, g: Any, dt_s: float) -> None:
     """The vertical acceleration to ask for, m/s², from the errors of height and climb rate."""
-    want = sqrt_controller(f.ref_pos[2] - e.pos[2], p.PSC_POSZ_P, f.accel_z, dt_s)
+    want = sqrt_controller(f.ref_pos[2] - e.pos[2], g.height_p, f.accel_z, dt_s)
     want = clamp(want, -max(f.speed_down, 0.5), max(f.speed_up, 0.5)) + f.ref_vel[2]
     f.climb_err += (want - e.vel[2] - f.climb_err) * g.climb_share
-    f.climb_accel = p.PSC_VELZ_P * f.climb_err + f.ref_acc[2]
+    f.climb_accel = g.climb_p * f.climb_err + f.ref_acc[2]
 
 
 @kernel

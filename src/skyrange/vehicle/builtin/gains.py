@@ -78,6 +78,18 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
     g.vel_share = share(p.PSC_VELXY_FLTE, slow_s)
     g.vel_d_share = share(p.PSC_VELXY_FLTD, slow_s)
     g.climb_share = share(p.PSC_VELZ_FLTE, slow_s)
+    g.pos_p = p.PSC_POSXY_P
+    g.vel_p = p.PSC_VELXY_P
+    g.vel_i = p.PSC_VELXY_I
+    g.vel_d = p.PSC_VELXY_D / slow_s
+    g.vel_imax = 0.01 * p.PSC_VELXY_IMAX
+    g.height_p = p.PSC_POSZ_P
+    g.climb_p = p.PSC_VELZ_P
+    g.input_p = 1.0 / max(p.ATC_INPUT_TC, 0.01)
+    g.accel_max[0] = p.ATC_ACCEL_R_MAX * _CDEG
+    g.accel_max[1] = p.ATC_ACCEL_P_MAX * _CDEG
+    g.accel_max[2] = p.ATC_ACCEL_Y_MAX * _CDEG
+    g.slew = p.ATC_SLEW_YAW * _CDEG
     g.lean_accel = GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG)
     # PSC_ACCZ gains are per cm/s² and in 1/1000 of full throttle: 0.1 per m/s²
     g.accel_p = 0.1 * p.PSC_ACCZ_P

@@ -35,6 +35,10 @@ ESTIMATE: Final = np.dtype(
 )
 
 _CURVE: Final[list[Any]] = [
+    ("t", "f8"),  # time flown, s
+    ("done", "f8"),  # distance flown, m
+    ("live", "i8"),  # 0: no leg
+    ("at", "i8"),  # the segment looked up last
     ("unit", "f8", (3,)),  # direction
     ("origin", "f8", (3,)),
     ("length", "f8"),
@@ -43,15 +47,7 @@ _CURVE: Final[list[Any]] = [
     ("accel_z", "f8"),
     ("jerk", "f8"),
     ("snap", "f8"),
-    ("t", "f8"),  # time flown, s
-    ("done", "f8"),  # distance flown, m
-    ("live", "i8"),  # 0: no leg
-    ("at", "i8"),  # the segment looked up last
-    ("end_t", "f8", (23,)),  # per segment: when it ends, with which acceleration, speed and distance
-    ("end_a", "f8", (23,)),
-    ("end_v", "f8", (23,)),
-    ("end_p", "f8", (23,)),
-    ("jm", "f8", (23,)),  # and its peak jerk
+    ("seg", "f8", (23, 5)),  # when each segment ends, with which acceleration, speed and distance, and its peak jerk
 ]
 CURVE: Final = np.dtype(_CURVE)
 """A straight leg with jerk-limited motion along it (`scurve`)."""
@@ -70,6 +66,10 @@ SPLINE: Final = np.dtype(_SPLINE)
 
 LEGS: Final = np.dtype(
     [
+        ("curved", "i8"),  # this leg is the spline
+        ("next_curved", "i8"),
+        ("fast", "i8"),  # another leg follows without a stop
+        ("reached", "i8"),
         ("origin", "f8", (3,)),
         ("goal", "f8", (3,)),
         ("tail", _CURVE),  # the leg before, which fades out in a corner
@@ -77,24 +77,35 @@ LEGS: Final = np.dtype(
         ("next", _CURVE),
         ("spline", _SPLINE),
         ("spline_next", _SPLINE),
-        ("curved", "i8"),  # this leg is the spline
-        ("next_curved", "i8"),
-        ("fast", "i8"),  # another leg follows without a stop
-        ("reached", "i8"),
     ]
 )
 """What an aircraft on its way to a waypoint flies along."""
 
 FLIGHT: Final = np.dtype(
     [
-        ("armed", "i8"),
+        # what every turn of the loop touches, side by side
         ("control", "i8"),  # a Control
         ("landed", "i8"),
         ("flags", "i8"),  # Flags raised by the loop
-        ("seen", "i8"),  # of them, those already acted on
         ("spool", "f8"),  # 0 ground idle … 1 full range
         ("slow_s", "f8"),  # time since guidance and position control last ran
         ("tune_s", "f8"),  # time since the gains were last worked out
+        ("climb_accel", "f8"),  # m/s², what the vertical loop asks for
+        ("accel_err", "f8"),
+        ("throttle_i", "f8"),
+        ("throttle", "f8"),
+        ("throttle_full", "i8"),  # the mixer had to hold thrust back
+        ("tilt_half2", "f8"),  # the squared sine of half of it, at the loop's rate
+        ("rates_only", "i8"),
+        ("att", "f8", (4,)),  # the shaped attitude target and its rates
+        ("att_rate", "f8", (3,)),
+        ("target_rate", "f8", (3,)),  # rates asked of the rate controllers, filtered
+        ("rate_err", "f8", (3,)),
+        ("rate_d", "f8", (2,)),
+        ("rate_i", "f8", (3,)),
+        # what guidance, position control and the modes touch
+        ("armed", "i8"),
+        ("seen", "i8"),  # of them, those already acted on
         # the reference, which control follows
         ("ref_pos", "f8", (3,)),
         ("ref_vel", "f8", (3,)),
@@ -138,7 +149,6 @@ FLIGHT: Final = np.dtype(
         ("want_quat", "f8", (4,)),
         ("want_rate", "f8", (3,)),
         ("want_climb", "f8"),
-        ("rates_only", "i8"),
         # controllers' memory
         ("pos_err", "f8", (2,)),
         ("limit", "f8", (2,)),  # the acceleration asked for where the lean limit cut it, else 0
@@ -147,20 +157,9 @@ FLIGHT: Final = np.dtype(
         ("vel_d", "f8", (2,)),
         ("vel_i", "f8", (2,)),
         ("climb_err", "f8"),
-        ("climb_accel", "f8"),  # m/s², what the vertical loop asks for
-        ("accel_err", "f8"),
-        ("throttle_i", "f8"),
-        ("throttle", "f8"),
-        ("throttle_full", "i8"),  # the mixer had to hold thrust back
-        ("att", "f8", (4,)),  # the shaped attitude target and its rates
-        ("att_rate", "f8", (3,)),
-        ("target_rate", "f8", (3,)),  # rates asked of the rate controllers, filtered
-        ("rate_err", "f8", (3,)),
-        ("rate_d", "f8", (2,)),
-        ("rate_i", "f8", (3,)),
+        ("tilt_cos", "f8"),  # of the lean asked for, and that lean
         ("tilt_target", "f8"),
         ("tilt_error", "f8"),
-        ("tilt_half2", "f8"),  # the squared sine of half of it, at the loop's rate
         # landing detector
         ("land_accel", "f8", (3,)),
         ("land_s", "f8"),
@@ -187,6 +186,16 @@ GAINS: Final = np.dtype(
         ("vel_d_share", "f8"),
         ("climb_share", "f8"),
         ("lean_accel", "f8"),  # m/s², of the largest lean
+        ("pos_p", "f8"),
+        ("vel_p", "f8"),
+        ("vel_i", "f8"),
+        ("vel_d", "f8"),
+        ("vel_imax", "f8"),
+        ("height_p", "f8"),
+        ("climb_p", "f8"),
+        ("input_p", "f8"),  # 1/s, how fast attitude targets are taken
+        ("accel_max", "f8", (3,)),  # rad/s², of attitude targets
+        ("slew", "f8"),  # rad/s, of the yaw
         ("accel_p", "f8"),
         ("accel_i", "f8"),
         ("accel_imax", "f8"),

@@ -38,7 +38,7 @@ _LAND_CLIMB_MPS = 1.0
 _LAND_HEIGHT_M = 2.0
 _LAND_TILT_RAD = math.radians(15.0)
 _LAND_TILT_ERROR_RAD = math.radians(30.0)
-_LAND_FILTER_HZ = 1.0
+_LAND_FILTER_S = 1.0 / (2.0 * math.pi * 1.0)  # LAND_DETECTOR_ACCEL_LPF_CUTOFF, 1 Hz
 _RELAX_TC_S = 0.16  # AC_PosControl.cpp POSCONTROL_RELAX_TC
 # crash_check.cpp (CRASH_CHECK_*)
 _CRASH_S = 2.0
@@ -193,11 +193,12 @@ def _soften(e: Any, f: Any, dt_s: float) -> None:
 @kernel
 def _touch(e: Any, f: Any, dt_s: float) -> None:
     """Landed: least throttle, still and level for a second. Crashed: two seconds far from the wanted attitude."""
-    f.tilt_error = 2.0 * math.asin(min(math.sqrt(f.tilt_half2), 1.0))
-    rc = 1.0 / (2.0 * math.pi * _LAND_FILTER_HZ)
+    f.tilt_target = attitude.whole_angle(0.5 - 0.5 * f.tilt_cos)
+    f.tilt_error = attitude.whole_angle(f.tilt_half2)
+    part = dt_s / (dt_s + _LAND_FILTER_S)
     size = 0.0
     for axis in range(3):
-        f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * dt_s / (dt_s + rc)
+        f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * part
         size += f.land_accel[axis] * f.land_accel[axis]
     pressed = (  # with no thrust and no acceleration, only the ground can hold it
         f.throttle <= 0.0
@@ -232,12 +233,12 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
     control = f.control
     guide(e, f, w, p, dt_s)
     if control != _STABILIZE:
-        climb(e, f, p, g, dt_s)
+        climb(e, f, g, dt_s)
     most = p.ANGLE_MAX * _CDEG
     if control == _STABILIZE or control == _ALT_HOLD:
         forward, left = sticks.lean(e, f, most, most)
         acc_e, acc_n = sticks.to_local(e, forward, left)
-        attitude.aim(f, p, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
+        attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
         for axis in range(2):  # no place is held: where it comes back to holding one, it starts from here
             f.ref_pos[axis] = e.pos[axis]
             f.ref_vel[axis] = e.vel[axis]
@@ -251,20 +252,20 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
                 f.att_rate[axis] = f.want_rate[axis]
             return
         q = f.want_quat
-        f.tilt_target = math.acos(min(max(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]), -1.0), 1.0))
-        attitude.follow(f, p, dt_s)
+        f.tilt_cos = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
+        attitude.follow(f, g, dt_s)
         return
     correction = sticks.CORRECTION_MPS if control == _LOITER else max(f.speed_xy, 1.0)
-    acc_e, acc_n = horizontal(e, f, p, g, correction, dt_s)
+    acc_e, acc_n = horizontal(e, f, g, correction, dt_s)
     if control == _LOITER:
-        attitude.aim(f, p, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
+        attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
         return
     turning, yaw, yaw_rate = turn_nose(e, f, dt_s)
     if f.sticks[2] != 0.0:  # a pilot may always turn the nose (AutoYaw::get_heading)
         f.heading = _HOLD
         turning = True
         yaw_rate = sticks.yaw_rate(f, p)
-    attitude.aim(f, p, acc_e, acc_n, turning, yaw, yaw_rate, dt_s)
+    attitude.aim(f, g, acc_e, acc_n, turning, yaw, yaw_rate, dt_s)
 
 
 @kernel

@@ -15,6 +15,7 @@ from skyrange.core.compiled import kernel
 
 SEGMENTS = 23
 _ACCEL_MAX, _ACCEL_END, _CHANGE_END, _CONST, _DECEL_END = 4, 7, 14, 15, 22
+_T, _A, _V, _P, _JM = range(5)  # of a segment: when it ends, its acceleration, speed and place then; its peak jerk
 _ROOM = 0.5  # of a leg for speeding up, the other half for slowing down
 
 
@@ -100,11 +101,11 @@ def _peak_in(v0: float, length: float, jerk: float, tj: float) -> float:
 
 @kernel
 def _set(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> None:
-    c.end_t[i] = t
-    c.jm[i] = jm
-    c.end_a[i] = a
-    c.end_v[i] = v
-    c.end_p[i] = p
+    c.seg[i, _T] = t
+    c.seg[i, _JM] = jm
+    c.seg[i, _A] = a
+    c.seg[i, _V] = v
+    c.seg[i, _P] = p
 
 
 @kernel
@@ -112,11 +113,11 @@ def _level(c: Any, i: int, seconds: float, jm: float) -> None:
     """A segment of constant jerk after segment i - 1."""
     k = i - 1
     t = seconds if seconds > 0.0 else 0.0
-    a = c.end_a[k]
-    v = c.end_v[k]
+    a = c.seg[k, _A]
+    v = c.seg[k, _V]
     _set(
-        c, i, c.end_t[k] + t, jm, a + jm * t, v + a * t + 0.5 * jm * t * t,
-        c.end_p[k] + v * t + 0.5 * a * t * t + jm * t * t * t / 6.0,
+        c, i, c.seg[k, _T] + t, jm, a + jm * t, v + a * t + 0.5 * jm * t * t,
+        c.seg[k, _P] + v * t + 0.5 * a * t * t + jm * t * t * t / 6.0,
     )  # fmt: skip
 
 
@@ -130,9 +131,9 @@ def _rise(c: Any, i: int, tj: float, jm: float) -> None:
     half = 0.5 * jm
     per = tj / math.pi
     _set(
-        c, i, c.end_t[k] + tj, jm, c.end_a[k] + half * tj,
-        c.end_v[k] + c.end_a[k] * tj + half * (0.5 * tj * tj - 2.0 * per * per),
-        c.end_p[k] + c.end_v[k] * tj + 0.5 * c.end_a[k] * tj * tj + half * (tj * tj * tj / 6.0 - per * per * tj),
+        c, i, c.seg[k, _T] + tj, jm, c.seg[k, _A] + half * tj,
+        c.seg[k, _V] + c.seg[k, _A] * tj + half * (0.5 * tj * tj - 2.0 * per * per),
+        c.seg[k, _P] + c.seg[k, _V] * tj + 0.5 * c.seg[k, _A] * tj * tj + half * (tj * tj * tj / 6.0 - per * per * tj),
     )  # fmt: skip
 
 
@@ -145,11 +146,11 @@ def _fall(c: Any, i: int, tj: float, jm: float) -> None:
         return
     half = 0.5 * jm
     per = tj / math.pi
-    a0 = c.end_a[k] - half * tj
-    v0 = c.end_v[k] - half * (0.5 * tj * tj - 2.0 * per * per)
-    p0 = c.end_p[k] - half * (tj * tj * tj / 6.0 - per * per * tj)
+    a0 = c.seg[k, _A] - half * tj
+    v0 = c.seg[k, _V] - half * (0.5 * tj * tj - 2.0 * per * per)
+    p0 = c.seg[k, _P] - half * (tj * tj * tj / 6.0 - per * per * tj)
     _set(
-        c, i, c.end_t[k] + tj, jm, a0 + jm * tj, v0 + a0 * tj + jm * tj * tj,
+        c, i, c.seg[k, _T] + tj, jm, a0 + jm * tj, v0 + a0 * tj + jm * tj * tj,
         p0 + v0 * tj + 0.5 * a0 * tj * tj + half * (4.0 / 3.0 * tj * tj * tj - 2.0 * per * per * tj),
     )  # fmt: skip
 
@@ -170,29 +171,29 @@ def _seven(c: Any, i: int, jm: float, tj: float, t_a: float, t4: float, t_b: flo
 def _empty(c: Any, first: int, last: int) -> None:
     """Segments that take no time, standing where the one before `first` ends."""
     for i in range(first, last + 1):
-        _set(c, i, c.end_t[first - 1], 0.0, 0.0, c.end_v[first - 1], c.end_p[first - 1])
+        _set(c, i, c.seg[first - 1, _T], 0.0, 0.0, c.seg[first - 1, _V], c.seg[first - 1, _P])
 
 
 @kernel
 def _slow_down(c: Any, v_end: float, room: float) -> None:
     """The constant segment and the seven after it, so that the leg ends at its length with at most `v_end`."""
     _level(c, _CONST, 0.0, 0.0)
-    c.end_a[_CONST] = 0.0
-    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, v_end, c.accel, c.end_v[_CONST], room)
+    c.seg[_CONST, _A] = 0.0
+    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, v_end, c.accel, c.seg[_CONST, _V], room)
     _seven(c, _CONST + 1, -jm, tj, t6, t4, t2)
-    c.end_a[_DECEL_END] = 0.0
-    c.end_v[_DECEL_END] = max(0.0, c.end_v[_DECEL_END])
+    c.seg[_DECEL_END, _A] = 0.0
+    c.seg[_DECEL_END, _V] = max(0.0, c.seg[_DECEL_END, _V])
     _stretch(c)
 
 
 @kernel
 def _stretch(c: Any) -> None:
     """Make the constant segment so long that the last one ends at the leg's length."""
-    more = max(0.0, c.length - c.end_p[_DECEL_END])
-    time = more / c.end_v[_CONST] if c.end_v[_CONST] > 0.0 else 0.0
+    more = max(0.0, c.length - c.seg[_DECEL_END, _P])
+    time = more / c.seg[_CONST, _V] if c.seg[_CONST, _V] > 0.0 else 0.0
     for i in range(_CONST, _DECEL_END + 1):
-        c.end_t[i] += time
-        c.end_p[i] += more
+        c.seg[i, _T] += time
+        c.seg[i, _P] += more
 
 
 @kernel
@@ -253,13 +254,13 @@ def _lay_from_rest(c: Any) -> None:
     jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, 0.0, c.accel, c.speed, _ROOM * c.length)
     _set(c, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
     _seven(c, 1, jm, tj, t2, t4, t6)
-    c.end_a[_ACCEL_END] = 0.0
+    c.seg[_ACCEL_END, _A] = 0.0
     _empty(c, _ACCEL_END + 1, _CHANGE_END)
-    left = c.length - 2.0 * c.end_p[_CHANGE_END]
-    _level(c, _CONST, max(0.0, left / c.end_v[_CHANGE_END]), 0.0)
+    left = c.length - 2.0 * c.seg[_CHANGE_END, _P]
+    _level(c, _CONST, max(0.0, left / c.seg[_CHANGE_END, _V]), 0.0)
     _seven(c, _CONST + 1, -jm, tj, t6, t4, t2)
-    c.end_a[_DECEL_END] = 0.0
-    c.end_v[_DECEL_END] = 0.0
+    c.seg[_DECEL_END, _A] = 0.0
+    c.seg[_DECEL_END, _V] = 0.0
     c.at = 0
 
 
@@ -268,19 +269,19 @@ def set_origin_speed(c: Any, speed: float) -> float:
     """Begin the leg at a speed; what it will really begin with (`set_origin_speed_max`)."""
     if c.live == 0:
         return 0.0
-    if abs(c.end_v[0] - speed) < 1e-9:
+    if abs(c.seg[0, _V] - speed) < 1e-9:
         return speed
-    top = c.end_v[_ACCEL_END]
+    top = c.seg[_ACCEL_END, _V]
     speed = min(speed, top)
     jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, speed, c.accel, top, _ROOM * c.length)
     _set(c, 0, 0.0, 0.0, 0.0, speed, 0.0)
     _seven(c, 1, jm, tj, t2, t4, t6)
-    c.end_a[_ACCEL_END] = 0.0
-    back = min(0.0, _ROOM * c.length - c.end_p[_ACCEL_END])
-    earlier = back / c.end_v[_ACCEL_END] if c.end_v[_ACCEL_END] > 0.0 else 0.0
+    c.seg[_ACCEL_END, _A] = 0.0
+    back = min(0.0, _ROOM * c.length - c.seg[_ACCEL_END, _P])
+    earlier = back / c.seg[_ACCEL_END, _V] if c.seg[_ACCEL_END, _V] > 0.0 else 0.0
     for i in range(_ACCEL_END + 1):
-        c.end_t[i] += earlier
-        c.end_p[i] += back
+        c.seg[i, _T] += earlier
+        c.seg[i, _P] += back
     _empty(c, _ACCEL_END + 1, _CHANGE_END)
     _slow_down(c, 0.0, _ROOM * c.length)
     c.at = 0
@@ -290,10 +291,10 @@ def set_origin_speed(c: Any, speed: float) -> float:
 @kernel
 def set_destination_speed(c: Any, speed: float) -> None:
     """End the leg at a speed (`set_destination_speed_max`)."""
-    if c.live == 0 or abs(c.end_v[_DECEL_END] - speed) < 1e-9:
+    if c.live == 0 or abs(c.seg[_DECEL_END, _V] - speed) < 1e-9:
         return
-    c.end_t[_CONST] = c.end_t[_CHANGE_END]
-    _slow_down(c, min(speed, c.end_v[_CHANGE_END]), _ROOM * c.length)
+    c.seg[_CONST, _T] = c.seg[_CHANGE_END, _T]
+    _slow_down(c, min(speed, c.seg[_CHANGE_END, _V]), _ROOM * c.length)
     c.at = 0
 
 
@@ -306,39 +307,39 @@ def set_speed(c: Any, level: float, up: float, down: float) -> None:
     if abs(speed - c.speed) < 1e-9 or not speed > 0.0:
         return
     c.speed = speed
-    if c.t >= c.end_t[_CONST]:
+    if c.t >= c.seg[_CONST, _T]:
         return
-    v_end = min(speed, c.end_v[_DECEL_END])
+    v_end = min(speed, c.seg[_DECEL_END, _V])
     if c.t == 0.0:
-        v_start = min(speed, c.end_v[0])
+        v_start = min(speed, c.seg[0, _V])
         _lay_from_rest(c)
         set_origin_speed(c, v_start)
         set_destination_speed(c, v_end)
         return
-    if c.end_t[_ACCEL_END] <= c.t <= c.end_t[_CHANGE_END]:
+    if c.seg[_ACCEL_END, _T] <= c.t <= c.seg[_CHANGE_END, _T]:
         # the change under way becomes the first one, which leaves room for another
-        _set(c, 0, c.end_t[_ACCEL_END], 0.0, c.end_a[_ACCEL_END], c.end_v[_ACCEL_END], c.end_p[_ACCEL_END])
+        _set(c, 0, c.seg[_ACCEL_END, _T], 0.0, c.seg[_ACCEL_END, _A], c.seg[_ACCEL_END, _V], c.seg[_ACCEL_END, _P])
         for i in range(1, _ACCEL_END + 1):
             k = i + 7
-            _set(c, i, c.end_t[k], c.jm[k], c.end_a[k], c.end_v[k], c.end_p[k])
-    elif c.end_t[_CHANGE_END] < c.t <= c.end_t[_CONST]:
+            _set(c, i, c.seg[k, _T], c.seg[k, _JM], c.seg[k, _A], c.seg[k, _V], c.seg[k, _P])
+    elif c.seg[_CHANGE_END, _T] < c.t <= c.seg[_CONST, _T]:
         done, now, _ = at(c, c.t)
         k = _CHANGE_END
-        _set(c, 0, c.end_t[k], 0.0, 0.0, c.end_v[k], c.end_p[k])
+        _set(c, 0, c.seg[k, _T], 0.0, 0.0, c.seg[k, _V], c.seg[k, _P])
         for i in range(1, _ACCEL_END + 1):
             _set(c, i, c.t, 0.0, 0.0, now, done)
-    held = c.end_t[_ACCEL_MAX] - c.end_t[_ACCEL_MAX - 1]
-    if c.t <= c.end_t[_ACCEL_MAX] and held > 0.0 and speed < c.end_v[_ACCEL_END] and c.end_a[_ACCEL_MAX] > 0.0:
+    held = c.seg[_ACCEL_MAX, _T] - c.seg[_ACCEL_MAX - 1, _T]
+    if c.t <= c.seg[_ACCEL_MAX, _T] and held > 0.0 and speed < c.seg[_ACCEL_END, _V] and c.seg[_ACCEL_MAX, _A] > 0.0:
         # still at its acceleration: shorten that as far as it is not over yet
-        cut = c.end_t[_ACCEL_MAX] - max(c.t, c.end_t[_ACCEL_MAX - 1])
-        least = max(c.end_v[_ACCEL_END] - c.end_a[_ACCEL_MAX] * cut, speed)
-        jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, c.end_v[0], c.accel, least, _ROOM * c.length)
+        cut = c.seg[_ACCEL_MAX, _T] - max(c.t, c.seg[_ACCEL_MAX - 1, _T])
+        least = max(c.seg[_ACCEL_END, _V] - c.seg[_ACCEL_MAX, _A] * cut, speed)
+        jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, c.seg[0, _V], c.accel, least, _ROOM * c.length)
         _seven(c, 1, jm, tj, t2, t4, t6)
-        c.end_a[_ACCEL_END] = 0.0
+        c.seg[_ACCEL_END, _A] = 0.0
     _empty(c, _ACCEL_END + 1, _CHANGE_END)
-    top = c.end_v[_ACCEL_END]
+    top = c.seg[_ACCEL_END, _V]
     if abs(speed - top) > 1e-9:
-        length = c.end_p[_CONST] - c.end_p[_ACCEL_END]
+        length = c.seg[_CONST, _P] - c.seg[_ACCEL_END, _P]
         # the upstream source takes the power 1/3 of integers, which is 0: the first of the two is then 1
         rise = min(1.0, c.jerk * math.pi / (2.0 * c.snap))
         if speed < top and top > 0.0 and rise * 12.0 < length / top:
@@ -348,9 +349,9 @@ def set_speed(c: Any, level: float, up: float, down: float) -> None:
             most = min(speed, length / (rise * 12.0))
             jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, top, c.accel, most, _ROOM * length)
             _seven(c, _ACCEL_END + 1, jm, tj, t2, t4, t6)
-        c.end_a[_CHANGE_END] = 0.0
-    v_end = min(v_end, c.end_v[_CHANGE_END])
-    _slow_down(c, v_end, c.length - c.end_p[_CHANGE_END])
+        c.seg[_CHANGE_END, _A] = 0.0
+    v_end = min(v_end, c.seg[_CHANGE_END, _V])
+    _slow_down(c, v_end, c.length - c.seg[_CHANGE_END, _P])
     c.at = 0
 
 
@@ -360,25 +361,25 @@ def at(c: Any, t: float) -> tuple[float, float, float]:
     if c.live == 0:
         return 0.0, 0.0, 0.0
     i = c.at
-    if i > 0 and t < c.end_t[i - 1]:
+    if i > 0 and t < c.seg[i - 1, _T]:
         i = 0
-    while i < SEGMENTS and t >= c.end_t[i]:
+    while i < SEGMENTS and t >= c.seg[i, _T]:
         i += 1
     if i == 0:
-        return c.end_p[0] + c.end_v[0] * (t - c.end_t[0]), c.end_v[0], 0.0
+        return c.seg[0, _P] + c.seg[0, _V] * (t - c.seg[0, _T]), c.seg[0, _V], 0.0
     k = i - 1
-    a = c.end_a[k]
-    v = c.end_v[k]
-    p = c.end_p[k]
-    s = t - c.end_t[k]
+    a = c.seg[k, _A]
+    v = c.seg[k, _V]
+    p = c.seg[k, _P]
+    s = t - c.seg[k, _T]
     if i == SEGMENTS:
         return p, v, 0.0
     c.at = i
-    jm = c.jm[i]
+    jm = c.seg[i, _JM]
     place = (i - 1) % 7 if i < _CONST else (i - 2) % 7
     if i == _CONST or place in (1, 3, 5):  # constant jerk
         return max(p + v * s + 0.5 * a * s * s + jm * s * s * s / 6.0, 0.0), v + a * s + 0.5 * jm * s * s, a + jm * s
-    tj = c.end_t[i] - c.end_t[k]
+    tj = c.seg[i, _T] - c.seg[k, _T]
     half = 0.5 * jm
     per = tj / math.pi
     if place in (2, 6):  # falling: the second half of the raised cosine, as if it had begun at rest
@@ -403,25 +404,25 @@ def at(c: Any, t: float) -> tuple[float, float, float]:
 @kernel
 def duration(c: Any) -> float:
     """Seconds from start to end; 0 of no leg."""
-    return c.end_t[_DECEL_END] if c.live == 1 else 0.0
+    return c.seg[_DECEL_END, _T] if c.live == 1 else 0.0
 
 
 @kernel
 def slows_at(c: Any) -> float:
     """When it begins to slow down."""
-    return c.end_t[_CONST] if c.live == 1 else 0.0
+    return c.seg[_CONST, _T] if c.live == 1 else 0.0
 
 
 @kernel
 def fast_at(c: Any) -> float:
     """When it has reached its speed."""
-    return c.end_t[_ACCEL_END] if c.live == 1 else 0.0
+    return c.seg[_ACCEL_END, _T] if c.live == 1 else 0.0
 
 
 @kernel
 def finished(c: Any) -> bool:
     """Whether it has been flown to its end."""
-    return c.live == 0 or c.t >= c.end_t[_DECEL_END] or c.done >= c.length
+    return c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length
 
 
 @kernel
@@ -433,4 +434,4 @@ def copy(to: Any, c: Any) -> None:
         to.unit[axis] = c.unit[axis]
         to.origin[axis] = c.origin[axis]
     for i in range(SEGMENTS):
-        _set(to, i, c.end_t[i], c.jm[i], c.end_a[i], c.end_v[i], c.end_p[i])
+        _set(to, i, c.seg[i, _T], c.seg[i, _JM], c.seg[i, _A], c.seg[i, _V], c.seg[i, _P])
