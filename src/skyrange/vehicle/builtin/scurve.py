@@ -422,7 +422,8 @@ def fast_at(c: Any) -> float:
 @kernel
 def finished(c: Any) -> bool:
     """Whether it has been flown to its end."""
-    return c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length
+    # in ArduPilot's single floats the last tenth of a second covers no distance any more
+    return c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length * (1.0 - 6e-8)
 
 
 @kernel
