@@ -93,10 +93,12 @@ _SECTIONS = (
     ("City", "`[city]`"),
     ("Grid", "`[city.grid]`"),
     ("Wind", "`[wind]`"),
+    ("Sensors", "`[sensors]`"),
     ("Record", "`[record]`"),
     ("Link", "`[[links]]`"),
     ("Operator", "`[[operators]]`"),
     ("Vehicle", "`[[operators.vehicles]]`"),
+    ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),
@@ -275,14 +277,15 @@ def autopilot_commands() -> str:
 
 def mission_items() -> str:
     """Mission items that are flown."""
-    from skyrange.vehicle.builtin.item_kinds import SUPPORTED
+    from skyrange.vehicle.builtin.mission_kinds import SUPPORTED
 
     return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(SUPPORTED))
 
 
 def messages() -> str:
     """Messages that can be streamed or asked for, and the data stream that asks for each."""
-    from skyrange.vehicle.builtin.telemetry import BUILDERS, STREAMS
+    from skyrange.vehicle.builtin.telemetry.streams import STREAMS
+    from skyrange.vehicle.builtin.telemetry.table import BUILDERS
 
     stream = {number: name for name, numbers in STREAMS.values() for number in numbers}
     rows = [(f"`{_message(number)}`", number, f"`{stream[number]}`" if number in stream else "") for number in BUILDERS]
@@ -305,6 +308,19 @@ def parameters() -> str:
 
     rows = [(f"`{p.name}`", f"{p.default:g}", f"{p.low:g} to {p.high:g}", p.meaning) for p in PARAMETERS]
     return table(("parameter", "default", "range", "meaning and unit"), rows)
+
+
+def renamed() -> str:
+    """Parameters' names of ArduCopter 4.7."""
+    from skyrange.vehicle.builtin.parameter_names import RENAMED
+    from skyrange.vehicle.builtin.parameters import INDEX
+
+    rows = [
+        (f"`{new}`", f"`{old}`", "inverse" if factor == 0.0 else f"{factor:g}")
+        for new, (old, factor) in sorted(RENAMED.items())
+        if old in INDEX
+    ]
+    return table(("name in 4.7", "name in 4.6", "times"), rows)
 
 
 def tuning() -> str:
@@ -346,6 +362,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "messages": messages,
     "heard": heard,
     "parameters": parameters,
+    "renamed": renamed,
     "tuning": tuning,
     "airframes": airframes,
 }

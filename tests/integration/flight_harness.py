@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
+from skyrange.agent.contracts import Sensors
 from skyrange.agent.messages import Arrival, Inbox, Note
 from skyrange.codec.mavlink import Packer, decode, dialect
 from skyrange.core.chance import Chance
@@ -18,7 +19,8 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch, from_seconds
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body, World
+from skyrange.world import Body, SensorSpec, Wind, World
+from skyrange.world.magnetism import field_at
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
@@ -50,12 +52,14 @@ class Range:
         wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
         origin: Origin = ORIGIN,
         seed: int = 7,
+        noise: float = 0.0,
     ) -> None:
         self.specs = list(specs)
         bodies = [
             Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], s.home_enu_m[2], s.heading_deg) for s in specs
         ]
-        self.world = World(bodies, QUANTUM_NS, wind_enu_mps, None)
+        sensors = SensorSpec(noise, field_at(origin), Chance(seed))
+        self.world = World(bodies, QUANTUM_NS, Wind(wind_enu_mps), sensors=sensors)
         size = -(-len(self.specs) // split)
         parts = [self.specs[start : start + size] for start in range(0, len(self.specs), size)]
         self.engines = [BuiltinFleet(f"part{i}", p, origin, EPOCH, Chance(seed)) for i, p in enumerate(parts)]
@@ -71,6 +75,8 @@ class Range:
         self.system = {s.vehicle: s.system_id for s in specs}
         self.port = {v: port for e in self.engines for v, port in zip(e.vehicles, e.ports, strict=True)}
         self.track: list[tuple[float, np.ndarray]] = []
+        self.tamper: Callable[[int, Sensors], None] | None = None
+        """What is done to the sensors before the autopilot reads them."""
 
     def copy(self) -> Range:
         """An independent continuation."""
@@ -97,11 +103,15 @@ class Range:
                 mail[next(i for i, e in enumerate(self.engines) if vehicle in e.vehicles)].append(arrival)
             self.waiting = []
         for engine, rows, letters in zip(self.engines, self.bounds, mail, strict=True):
-            engine.begin(self.now, self.world.sensors(rows), Inbox(letters))
+            sensors = self.world.sensors(rows)
+            if self.tamper is not None:
+                sensors = Sensors(*(np.array(getattr(sensors, field.name)) for field in fields(Sensors)))
+                self.tamper(self.now, sensors)
+            engine.begin(self.now, sensors, Inbox(letters))
         for engine, rows in zip(self.engines, self.bounds, strict=True):
             done = engine.finish(self.now, 1.0)
             self.world.actuate(rows, done.actuators)
-            for port, payload, causes in done.outbox.departures:
+            for port, payload, causes in done.outbox.each(engine.ports):
                 vehicle = port.endpoint.rsplit(".", 1)[0]
                 self.frames[vehicle].append(payload)
                 self.said.append(Said(self.seconds, vehicle, decode(payload), causes))

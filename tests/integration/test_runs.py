@@ -201,6 +201,7 @@ from pathlib import Path
 from skyrange.runtime.run import Run
 from skyrange.scenario.catalogue import load
 run = Run.start(load("squares"), Path(sys.argv[1]))
+run.advance(2.0)  # so that compiled code, which is kept in files too, is there before the disk is full
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 run.execute(speed=20.0)

@@ -33,7 +33,7 @@ def busy(r: Range) -> None:
 
 
 def test_split_of_a_fleet_changes_no_byte() -> None:
-    whole, parts = Range(fleet(8), wind_enu_mps=(2.0, 1.0, 0.0)), Range(fleet(8), split=4, wind_enu_mps=(2.0, 1.0, 0.0))
+    whole, parts = (Range(fleet(8), split, wind_enu_mps=(2.0, 1.0, 0.0), noise=1.0) for split in (1, 4))
     for r in (whole, parts):
         busy(r)
         r.run(12.0)
@@ -48,7 +48,7 @@ def test_split_of_a_fleet_changes_no_byte() -> None:
 
 
 def test_deep_copy_goes_on_alike_and_apart() -> None:
-    r = Range(fleet(3))
+    r = Range(fleet(3), noise=1.0)
     busy(r)
     r.run(8.0)
     twin = r.copy()

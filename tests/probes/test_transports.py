@@ -112,7 +112,7 @@ class Seat:
     def _step(self, inbox: Inbox) -> None:
         self.now += MS
         assert self.end is not None
-        for departure in self.agent.step(self.now, inbox).departures:
+        for departure in self.agent.step(self.now, inbox).each(self.agent.ports):
             assert self.end.send(departure.payload)
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, World
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import Channel, LinkSpec, Route
@@ -47,6 +48,10 @@ class Log:
                 frame.causes,
             )
         )
+
+    def on_block(self, block: FrameBlock) -> None:
+        for frame in block.frames():
+            self.on_frame(frame)
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
         self.notes.append((now, source, note.kind, note.about, tuple(sorted(note.data.items())), note.causes))
@@ -173,7 +178,23 @@ class Bodies:
         height = self._height_m[rows]
         n = len(height)
         zeros = np.zeros((n, 3))
-        return Sensors(zeros, zeros, np.zeros((n, 4)), zeros, zeros, height, height)
+        whole = np.zeros(n, dtype=np.int64)
+        return Sensors(
+            zeros,
+            zeros,
+            np.zeros((n, 4)),
+            zeros,
+            zeros,
+            height,
+            height,
+            zeros,
+            zeros,
+            whole,
+            whole,
+            whole,
+            height,
+            height,
+        )
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:
         self._command[rows] = actuators

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from skyrange.core.errors import InputError
 from skyrange.scenario.emit import to_toml
-from skyrange.scenario.fleet import COLORS
 from skyrange.scenario.load import build, load_text
+from skyrange.scenario.operators import COLORS
 from skyrange.scenario.overrides import override, parse_value
 from skyrange.scenario.schema import Link, Operator, Path, Plan, Scenario, Vehicle, square
 

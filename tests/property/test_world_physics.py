@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.world import Body, World
+from skyrange.world import Body, Wind, World
 
 QUANTUM_NS = 2_500_000
 COMMAND = st.floats(-0.5, 1.5) | st.sampled_from([0.0, 1.0, float("nan"), float("inf"), 5e-324])
@@ -31,7 +31,7 @@ def _play(worlds: list[World], script: list[tuple[int, list[float]]]) -> list[li
 @settings(deadline=None, max_examples=60)
 @given(place=PLACE, wind=WIND, script=SCRIPT)
 def test_state_stays_sane(place, wind, script):
-    world = World([Body("blue/b1", "iris", *place)], wind_enu_mps=wind)
+    world = World([Body("blue/b1", "iris", *place)], wind=Wind(wind))
     (notes,) = _play([world], script)
     truth = {name: float(column[0]) for name, column in world.truth().items()}
     assert all(np.isfinite(value) for value in truth.values())
@@ -47,8 +47,8 @@ def test_state_stays_sane(place, wind, script):
 @given(place=PLACE, wind=WIND, script=SCRIPT, others=st.integers(1, 7))
 def test_company_changes_no_bit(place, wind, script, others):
     body = Body("blue/b1", "iris", *place)
-    company = [Body(f"blue/x{i}", "iris", 3.0 * i, 0.0, 5.0) for i in range(others)]
-    alone, among = World([body], wind_enu_mps=wind), World([body, *company], wind_enu_mps=wind)
+    company = [Body(f"blue/x{i}", "iris", 8e3 + 3.0 * i, 0.0, 5.0) for i in range(others)]
+    alone, among = World([body], wind=Wind(wind)), World([body, *company], wind=Wind(wind))
     _play([alone, among], script)
     for name, column in alone.truth().items():
         assert column.tobytes() == among.truth()[name][:1].tobytes(), name

@@ -350,7 +350,7 @@ class Loop:
             if not mail and (due is None or due > self.now):
                 continue
             out = agent.step(self.now, Inbox(mail))
-            for departure in out.departures:
+            for departure in out.each(agent.ports):
                 assert departure.port in agent.ports
                 link = departure.port.link
                 forward = agent is not self.approval

@@ -134,7 +134,6 @@ def test_cities_have_one_source():
         ([{"id": "a", "vehicles": []}], r"operators\.a\.vehicles: none — expected at least one vehicle"),
         ([{"id": "a", "vehicles": fleet("x")}] * 2, "an id that no other operator has"),
         ([{"id": "a", "vehicles": fleet("x", "x")}], "an id that no other vehicle of this operator has"),
-        ([{"id": "a", "vehicles": fleet(*[f"v{i}" for i in range(251)])}], "251 vehicles — expected at most 250"),
         ([{"id": "a/b", "vehicles": fleet("x")}], "letters, digits"),
         ([{"id": "a", "color": "blu", "vehicles": fleet("x")}], "Did you mean 'blue'"),
         ([{"id": "a", "approval": "aprove-all", "vehicles": fleet("x")}], "Did you mean 'approve-all'"),

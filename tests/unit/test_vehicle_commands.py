@@ -63,7 +63,7 @@ def test_auto_arms_where_its_option_says() -> None:
     r = Range([VehicleSpec(V, 1, params={"AUTO_OPTIONS": 1})])
     assert r.mode(V, Mode.AUTO) == OK
     assert r.arm(V) == FAILED
-    assert "Arm: No mission loaded" in r.words()
+    assert "Arm: Mode requires mission" in r.words()
     r.upload(V, square(5, 5))
     assert r.arm(V) == OK
     r.run(3.0)
@@ -107,7 +107,7 @@ def test_unknown_mode_fails_with_a_text(r: Range) -> None:
     assert r.command(V, A.MAV_CMD_DO_SET_MODE, 1.0, math.nan) == DENIED
     r.send(V, A.MAVLink_set_mode_message(1, A.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 4))
     r.run(0.02)
-    assert r.heard("COMMAND_ACK")[-1].command == A.MAVLINK_MSG_ID_SET_MODE
+    assert r.heard("COMMAND_ACK")[-1].command == A.MAV_CMD_DO_SET_MODE  # SET_MODE is obeyed, never acknowledged
     assert shown(r)[0] == 4
 
 
@@ -157,6 +157,10 @@ def test_message_intervals(r: Range) -> None:
     assert r.heard("MESSAGE_INTERVAL")[-1].interval_us == 1_000_000
     for bad in ((attitude, 100.0), (attitude, -2), (11000, 1e5), (math.nan, 1e5), (attitude, math.inf)):
         assert r.command(V, set_interval, *bad) == DENIED
+    assert r.command(V, set_interval, attitude, 1e5, 1.0) == DENIED  # another rate of a stream of messages
+    assert r.command(V, set_interval, A.MAVLINK_MSG_ID_WIND, 500_000) == OK  # known, though it has none to tell
+    assert r.command(V, get_interval, A.MAVLINK_MSG_ID_WIND) == OK
+    assert r.heard("MESSAGE_INTERVAL")[-1].interval_us == 500_000
     assert r.command(V, get_interval, 11000) == FAILED
     assert r.heard("MESSAGE_INTERVAL")[-1].interval_us == 0
 

@@ -104,15 +104,3 @@ def test_two_seconds_on_its_back_is_a_crash() -> None:
     flight["control"] = Control.VELOCITY
     turn_for(3.0, estimate, flight, settings, out)
     assert flight["flags"][0] == 0
-
-
-def test_estimate_takes_gravity_off_and_turns_to_the_local_frame() -> None:
-    estimate = zeros(ESTIMATE, 1)
-    half = math.radians(15.0)
-    rolled = np.array([[math.cos(half), math.sin(half), 0.0, 0.0]])  # 30 degrees, right side down
-    rest = 9.80665 * np.array([[0.0, math.sin(2 * half), math.cos(2 * half)]])
-    zero = np.zeros((1, 3))
-    loop.ideal_estimate(zero, rest, rolled, zero, zero, np.array([1.5]), estimate)
-    assert estimate["accel"][0] == pytest.approx([0, 0, 0], abs=1e-9)
-    assert estimate["roll"][0] == pytest.approx(math.radians(30.0))
-    assert (estimate["pitch"][0], estimate["height"][0]) == (pytest.approx(0.0, abs=1e-12), 1.5)

@@ -180,7 +180,11 @@ def test_too_many_items(r: Range) -> None:
 
 def test_clear_all_and_empty_upload(r: Range) -> None:
     r.upload(V, square(5, 5))
-    r.send(V, A.MAVLink_mission_clear_all_message(1, 1, 255))
+    r.send(V, A.MAVLink_mission_clear_all_message(1, 1, 255))  # all kinds at once: ArduPilot has no such kind
+    r.run(0.01)
+    assert acks(r)[-1] == A.MAV_MISSION_UNSUPPORTED
+    assert len(download(r)) == 7
+    r.send(V, A.MAVLink_mission_clear_all_message(1, 1, 0))
     r.run(0.01)
     assert acks(r)[-1] == A.MAV_MISSION_ACCEPTED
     assert len(download(r)) == 0
@@ -223,8 +227,8 @@ def test_request_beyond_the_end_tells_the_count(r: Range) -> None:
     assert r.heard("MISSION_COUNT")[-1].count == 7
 
 
-def test_fence_and_rally_are_unsupported(r: Range) -> None:
-    for kind in (A.MAV_MISSION_TYPE_FENCE, A.MAV_MISSION_TYPE_RALLY):
+def test_other_kinds_are_unsupported(r: Range) -> None:
+    for kind in (3, A.MAV_MISSION_TYPE_ALL):
         count(r, 3, kind)
         assert (r.heard("MISSION_ACK")[-1].type, r.heard("MISSION_ACK")[-1].mission_type) == (
             A.MAV_MISSION_UNSUPPORTED,

@@ -10,6 +10,7 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.vehicle.builtin.engine import BuiltinFleet
+from skyrange.vehicle.builtin.parameter_names import RENAMED, from_nominal, nominal, to_nominal
 from skyrange.vehicle.builtin.parameters import INDEX, PARAMETERS
 from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
@@ -54,27 +55,79 @@ def test_read_by_name_and_index() -> None:
     assert values(r) == {"LAND_SPEED": 50.0, "RTL_ALT": 1500.0}
 
 
-def test_set_stores_inside_the_range_and_says_so() -> None:
+def test_set_stores_what_comes_and_flies_inside_the_range() -> None:
     r = fly()
-    for name, value in ((b"WPNAV_SPEED", 450.0), (b"RTL_ALT", 1e9), (b"LAND_SPEED", 70.6)):
+    sent = ((b"WPNAV_SPEED", 450.0), (b"RTL_ALT", 1e9), (b"LAND_SPEED", 70.6), (b"DISARM_DELAY", 4000.0))
+    for name, value in sent:
         r.send(V, dialect.MAVLink_param_set_message(7, 1, name, value, 9))
     r.run(0.05)
-    assert values(r) == {"WPNAV_SPEED": 450.0, "RTL_ALT": 300000.0, "LAND_SPEED": 71.0}
-    assert [n.data["name"] for n in r.events("event.parameter")] == ["WPNAV_SPEED", "RTL_ALT", "LAND_SPEED"]
+    # AP_Param::set_float: whole types are cut, not rounded, and stop at their ends; ranges are for people
+    assert values(r) == {"WPNAV_SPEED": 450.0, "RTL_ALT": 1e9, "LAND_SPEED": 70.0, "DISARM_DELAY": 127.0}
+    assert [n.data["name"] for n in r.events("event.parameter")] == [name.decode() for name, _ in sent]
     assert all(n.causes for n in r.events("event.parameter"))
+    fleet = r.engines[0]._fleet
+    assert fleet.param(fleet.crafts[0], "RTL_ALT") == 300_000.0
+    r.send(V, dialect.MAVLink_param_set_message(7, 1, b"WPNAV_ACCEL", -1e30, 9))
+    r.run(0.05)
+    assert values(r)["WPNAV_ACCEL"] == pytest.approx(-1e30, rel=1e-6)
+    assert fleet.settings["WPNAV_ACCEL"][0] == 50.0
 
 
-def test_nonsense_is_not_answered_and_the_system_id_not_written() -> None:
+def test_nonsense_is_not_answered() -> None:
     r = fly()
     r.send(V, dialect.MAVLink_param_set_message(7, 1, b"RTL_ALT", math.nan, 9))
     r.send(V, dialect.MAVLink_param_set_message(7, 1, b"RTL_ALT", math.inf, 9))
     r.send(V, dialect.MAVLink_param_set_message(7, 1, b"NO_SUCH", 1.0, 9))
     r.run(0.05)
     assert r.heard("PARAM_VALUE") == []
+
+
+def test_the_system_id_is_stored_and_changes_at_the_next_boot() -> None:
+    r = fly()
     r.send(V, dialect.MAVLink_param_set_message(7, 1, b"SYSID_THISMAV", 9.0, 9))
+    r.run(1.0)
+    assert values(r) == {"SYSID_THISMAV": 9.0}
+    assert {said.message.get_srcSystem() for said in r.said} == {7}
+    assert r.command(V, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0) == 0
+    assert r.said[-1].message.get_srcSystem() == 7  # the acknowledgement comes before
+    before = len(r.said)
+    r.run(1.5)
+    assert {said.message.get_srcSystem() for said in r.said[before:]} == {9}
+    r.system[V] = 9
+    assert r.command(V, dialect.MAV_CMD_REQUEST_MESSAGE, 0) == 0
+
+
+def test_names_of_4_7_are_answered_under_that_name_and_unit() -> None:
+    r = Range([VehicleSpec(V, 7, params={"WP_SPD": 4.5, "PSC_D_ACC_I": 0.08, "MAV1_POSITION": 2, "SR0_EXTRA1": 4})])
+    fleet = r.engines[0]._fleet
+    craft = fleet.crafts[0]
+    assert fleet.param(craft, "WPNAV_SPEED") == 450.0
+    assert fleet.settings["PSC_ACCZ_I"][0] == pytest.approx(0.8)
+    assert fleet.param(craft, "SR0_POSITION") == 2.0
+    r.send(V, dialect.MAVLink_param_request_read_message(7, 1, b"MAV_SYSID", -1))
+    r.send(V, dialect.MAVLink_param_request_read_message(7, 1, b"rtl_alt", -1))  # AP_Param::find knows no case
+    r.send(V, dialect.MAVLink_param_set_message(7, 1, b"RTL_ALT_M", 22.5, 9))
     r.run(0.05)
-    assert values(r) == {"SYSID_THISMAV": 7.0}
-    assert "Param write denied (SYSID_THISMAV)" in r.words()
+    assert values(r) == {"MAV_SYSID": 7.0, "rtl_alt": 1500.0, "RTL_ALT_M": 22.5}
+    assert fleet.param(craft, "RTL_ALT") == 2250.0
+
+
+@pytest.mark.parametrize(("check", "skip"), [(1.0, 0.0), (0.0, -1.0), (2.0, float(((1 << 21) - 1) & ~3))])
+def test_checks_to_make_and_checks_to_skip(check: float, skip: float) -> None:
+    assert nominal("ARMING_SKIPCHK") == "ARMING_CHECK"
+    assert to_nominal("ARMING_SKIPCHK", skip) == check
+    assert from_nominal("ARMING_SKIPCHK", check) == skip
+
+
+def test_every_new_name_means_an_old_one_and_fits_the_field() -> None:
+    assert not set(RENAMED) & set(INDEX)
+    assert all(len(name) <= 16 for name in RENAMED)
+    assert not {old for old, _ in RENAMED.values()} & set(RENAMED)
+
+
+def test_one_parameter_under_two_names_is_an_error() -> None:
+    with pytest.raises(InputError, match="WPNAV_SPEED is the same parameter"):
+        fly(WPNAV_SPEED=500, WP_SPD=5)
 
 
 def test_bad_start_values_are_all_named() -> None:

@@ -22,8 +22,11 @@ class Flight:
 
     def __init__(self, airframe: Airframe, wind=(0.0, 0.0, 0.0), up_m: float = 10_000.0) -> None:
         self.airframe = airframe
-        self.parameters = np.array([multirotor.parameter_row(airframe, STEP_S)])
-        self.wind = np.array(wind, dtype=np.float64)
+        self.parameters = np.array([multirotor.parameter_row(airframe)])
+        self.motors = [np.full((1, 4), value) for value in multirotor.motor_rows(airframe, STEP_S)]
+        self.wind = np.array([wind], dtype=np.float64)
+        self.limit = np.full((1, 4), airframe.rotor_max_radps)
+        self.work_j = np.zeros(1)
         self.commands = np.zeros((1, 4))
         self.position = np.array([[0.0, 0.0, up_m]])
         self.velocity = np.zeros((1, 3))
@@ -35,12 +38,15 @@ class Flight:
         self.impact_mps = np.zeros(1)
 
     def run(self, seconds: float) -> Flight:
-        multirotor.advance(
-            round(seconds / STEP_S),
+        arguments = (
             STEP_S,
             self.parameters,
             np.zeros(1, dtype=np.int64),
+            *self.motors,
             self.wind,
+            np.zeros(1),
+            self.limit,
+            np.ones((1, 4), dtype=np.uint8),
             self.commands,
             self.position,
             self.velocity,
@@ -50,7 +56,13 @@ class Flight:
             self.accel,
             self.flags,
             self.impact_mps,
+            np.zeros(1),
+            self.work_j,
+            np.zeros((1, 3)),
+            np.zeros(1),
         )
+        for _ in range(round(seconds / STEP_S)):
+            multirotor.advance(*arguments)
         return self
 
     def spin(self, thrust: np.ndarray) -> Flight:

@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Inbox, Note, Outbox
 from skyrange.agent.verdicts import Label, Verdict
@@ -20,6 +21,7 @@ from skyrange.core.ids import Port
 from skyrange.core.time import Time
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 
 class Agent(Protocol):
@@ -73,7 +75,7 @@ class Sensors:
     accel_mps2: Floats
     """(n, 3) specific force in the body: (0, 0, +9.8) at rest and level."""
     attitude: Floats
-    """(n, 4) quaternion w, x, y, z, body to local."""
+    """(n, 4) quaternion w, x, y, z, body to local, as it truly is: for engines that make sensors of their own of it."""
     gnss_enu_m: Floats
     """(n, 3) position."""
     gnss_vel_enu_mps: Floats
@@ -82,6 +84,49 @@ class Sensors:
     """(n,) height above the origin."""
     rangefinder_m: Floats
     """(n,) height above the ground below."""
+    compass_gauss: Floats
+    """(n, 3) the Earth's magnetic field in the body."""
+    gnss_accuracy: Floats
+    """(n, 3) what the receiver claims of itself: horizontal m, vertical m, speed m/s, one sigma each."""
+    gnss_fix: Ints
+    """(n,) MAVLink GPS_FIX_TYPE: 0 no receiver, 1 no fix, 3 3D, 6 RTK fixed."""
+    gnss_satellites: Ints
+    """(n,) satellites used."""
+    gnss_time_ns: Ints
+    """(n,) when the position was measured: a new value is a new measurement, an old one is a repetition."""
+    battery_v: Floats
+    """(n,) voltage at the terminals."""
+    battery_a: Floats
+    """(n,) current drawn."""
+
+
+class SensorAct(NamedTuple):
+    """One thing that a sensor fault did, to be labelled: to which vehicle's which sensor."""
+
+    vehicle: str
+    sensor: str
+    """Such as "gnss", "baro", "compass", "imu"."""
+
+
+class SensorFault(Protocol):
+    """Alters what sensors say before their autopilot hears it. It belongs to an attack, which owns its state.
+
+    Called once a tick, muted or not: while its attack does not act, on copies that are thrown away. Deep-copyable,
+    pure: what it does depends on what it was handed and on the time alone.
+    """
+
+    name: str
+    """Who acted, in the labels; unique among the faults of a run."""
+    vehicles: Sequence[str]
+    """Whose sensors it reaches: the rows of what it is handed, in this order."""
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+        """Write into `sensors`, writable copies of its vehicles' rows, as other faults have left them.
+
+        A fix is new to an autopilot by its `gnss_time_ns`: to invent one, give it a time of its own. Returns the
+        acts to be labelled: one where an alteration begins or changes in kind, not one at every tick.
+        """
+        ...
 
 
 class InstanceStatus(StrEnum):
@@ -155,6 +200,10 @@ class Observer(Protocol):
 
     def on_frame(self, frame: Frame) -> None:
         """A frame reached its fate: delivered, lost, dropped, replaced, or still in flight at the end."""
+        ...
+
+    def on_block(self, block: FrameBlock) -> None:
+        """Many frames reached their fate; `for frame in block.frames(): self.on_frame(frame)` is enough."""
         ...
 
     def on_note(self, now: Time, source: str, note: Note) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from skyrange.agent.contracts import Agent, Tap
+from skyrange.agent.contracts import Agent, SensorFault, Tap
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
 MIN_LATENCY_NS = NS_PER_US
@@ -90,10 +90,10 @@ class TapPlacement:
 
 @dataclass(frozen=True, slots=True)
 class AttackPlan:
-    """When an attack's hostile output counts, and the agents it owns.
+    """When an attack's hostile output counts, and the agents and sensor faults it owns.
 
-    Muted, its agents and taps are all there and run, but every verdict becomes Pass and everything
-    they send is discarded: that is the nominal twin.
+    Muted, its agents, taps and faults are all there and run, but every verdict becomes Pass, everything
+    they send is discarded, and faults work on copies: that is the nominal twin.
     """
 
     id: str
@@ -101,3 +101,4 @@ class AttackPlan:
     stop_ns: Time = NEVER
     muted: bool = False
     agents: Sequence[Agent] = ()
+    faults: Sequence[SensorFault] = ()

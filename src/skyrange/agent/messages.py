@@ -1,14 +1,19 @@
 """What goes into an agent and what comes out of it?
 
-Both boxes are containers: iterate them frame by frame today, read them as columns where a batch
-serves. Payloads are bytes always; nothing here knows MAVLink.
+Both boxes are containers: iterate them frame by frame, or handle many as columns. Payloads are bytes
+always; nothing here knows MAVLink.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import NamedTuple, overload
 
+import numpy as np
+
+from skyrange.agent.blocks import FrameBlock
+from skyrange.agent.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
@@ -49,16 +54,34 @@ class Note(NamedTuple):
     causes: tuple[FrameId, ...] = ()
 
 
+class Block(NamedTuple):
+    """Many frames to send, none commanded by another: row `i` leaves from the agent's `ports[places[i]]`."""
+
+    places: Ints
+    payloads: Payloads
+
+
+class Columns(NamedTuple):
+    """The mail as columns, in order: the port (by its place), the time of arrival in ns and the payload of each row."""
+
+    places: Ints
+    at_ns: Ints
+    payloads: Payloads
+    order: Ints
+    """Row → its number in the inbox, as `Inbox.arrival` wants it."""
+
+
 class Inbox(Sequence[Arrival]):
-    """What arrived since the agent's last step, in (time, link, sender, serial) order."""
+    """What arrived since the agent's last step, in (time, lane, sender, serial) order."""
 
-    __slots__ = ("_arrivals",)
-
-    def __init__(self, arrivals: Sequence[Arrival] = ()) -> None:
-        self._arrivals = arrivals
+    def __init__(self, arrivals: Sequence[Arrival] = (), blocks: Sequence[FrameBlock] = ()) -> None:
+        """`arrivals` are in order; `blocks` need not be."""
+        self._singles = arrivals
+        self._blocks = blocks
+        self._count = len(arrivals) + sum(map(len, blocks))
 
     def __len__(self) -> int:
-        return len(self._arrivals)
+        return self._count
 
     @overload
     def __getitem__(self, index: int) -> Arrival: ...
@@ -75,22 +98,91 @@ class Inbox(Sequence[Arrival]):
         """The payload column."""
         return [arrival.payload for arrival in self._arrivals]
 
+    def columns(self, places: Mapping[Port, int]) -> Columns:
+        """The mail as columns; `places` tells where each of the agent's ports stands among them."""
+        singles, blocks = self._singles, self._blocks
+        order = self._order
+        parts = [block.carried() for block in blocks]
+        if singles:
+            parts.insert(0, Payloads.of([arrival.payload for arrival in singles]))
+        at = [np.full(len(block), block.arrived_ns, dtype=np.int64) for block in blocks]
+        at.insert(0, np.array([arrival.at for arrival in singles], dtype=np.int64))
+        ports = [block.lanes.places[block.lane] for block in blocks]
+        ports.insert(0, np.array([places[arrival.port] for arrival in singles], dtype=np.int64))
+        payloads = parts[0] if len(parts) == 1 else Payloads.join(parts)
+        return Columns(np.concatenate(ports)[order], np.concatenate(at)[order], payloads.take(order), order)
+
+    def arrival(self, number: int) -> Arrival:
+        """One arrival by its number in `Columns.order`."""
+        if number < len(self._singles):
+            return self._singles[number]
+        number -= len(self._singles)
+        for block in self._blocks:
+            if number < len(block):
+                lane = int(block.lane[number])
+                name = block.lanes.names[lane]
+                return Arrival(
+                    block.lanes.ports[lane], block.arrived_ns, block.payload(number), name.src, block.id(number)
+                )
+            number -= len(block)
+        raise IndexError(number)
+
+    @cached_property
+    def _arrivals(self) -> Sequence[Arrival]:
+        if not self._blocks:
+            return self._singles
+        return [self.arrival(number) for number in self._order.tolist()]
+
+    @cached_property
+    def _order(self) -> Ints:
+        """Numbers of the arrivals in their order; singles count first, then the blocks' rows."""
+        if not self._blocks:
+            return np.arange(len(self._singles), dtype=np.int64)
+        if not self._singles:  # lanes are numbered in order of their names
+            lane = np.concatenate([block.lane for block in self._blocks])
+            serial = np.concatenate([block.serial for block in self._blocks])
+            at = np.repeat([block.arrived_ns for block in self._blocks], [len(block) for block in self._blocks])
+            return np.lexsort((serial, lane, at))
+        keys = [_key(arrival) for arrival in self._singles]
+        for block in self._blocks:
+            for row in range(len(block)):
+                id_ = block.id(row)
+                keys.append((block.arrived_ns, f"{id_.link}:{id_.direction}", id_.sender, id_.serial))
+        return np.array(sorted(range(len(keys)), key=keys.__getitem__), dtype=np.int64)
+
+
+def _key(arrival: Arrival) -> tuple[Time, str, str, int]:
+    ref = arrival.ref
+    return arrival.at, f"{ref.link}:{ref.direction}", ref.sender, ref.serial
+
 
 EMPTY_INBOX = Inbox()
 
 
 class Outbox:
-    """What an agent sends and says in one step, in the order it says it."""
+    """What an agent sends and says in one step, in the order it says it; blocks leave after single frames."""
 
-    __slots__ = ("departures", "notes")
+    __slots__ = ("blocks", "departures", "notes")
 
     def __init__(self) -> None:
         self.departures: list[Departure] = []
+        self.blocks: list[Block] = []
         self.notes: list[Note] = []
 
     def send(self, port: Port, payload: bytes, causes: tuple[FrameId, ...] = ()) -> None:
         """Send `payload` from `port`."""
         self.departures.append(Departure(port, payload, causes))
+
+    def send_block(self, places: Ints, payloads: Payloads) -> None:
+        """Send `payloads[i]` from the agent's `ports[places[i]]`, all of them, after what is sent singly."""
+        self.blocks.append(Block(places, payloads))
+
+    def each(self, ports: Sequence[Port]) -> Iterator[Departure]:
+        """Everything sent, frame by frame; `ports` are the agent's."""
+        yield from self.departures
+        for places, payloads in self.blocks:
+            for place, payload in zip(places.tolist(), payloads, strict=True):
+                yield Departure(ports[place], payload)
 
     def note(
         self, kind: str, about: str, data: Mapping[str, Scalar] | None = None, causes: tuple[FrameId, ...] = ()

@@ -53,16 +53,17 @@ Verdict = Pass | Drop | Delay | Replace | Inject
 
 
 class Label(NamedTuple):
-    """One hostile act, written by the kernel: who did what to which frame, and when.
+    """One hostile act, written by the kernel: who did what to which frame or sensor, and when.
 
     `frame` is the frame acted on or put on the link; `child` the one that a replacement put in its
-    place. `until_ns` is set for delays.
+    place. `until_ns` is set for delays. For "sensor", `frame` is the act's own id, whose link is the
+    sensor: `gnss:blue/b1`.
     """
 
     at_ns: Time
     attack: str
     actor: str
-    action: str  # drop | delay | replace | inject | send
+    action: str  # drop | delay | replace | inject | send | sensor
     frame: FrameId
     child: FrameId | None = None
     until_ns: Time | None = None

@@ -55,7 +55,7 @@ class Sampler:
         while frame is not None:
             module = frame.f_globals.get("__name__", "")
             if module.startswith("skyrange."):
-                part = _MODULES.get(module) or _PACKAGES.get(module.split(".")[1])
+                part = _MODULES.get(".".join(module.split(".")[:4])) or _PACKAGES.get(module.split(".")[1])
                 if part is not None:
                     self.samples[part] += 1
                     return

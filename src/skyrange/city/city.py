@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import shapely
 
 from skyrange.city.buildings import Building
+
+if TYPE_CHECKING:
+    from skyrange.city.walls import Walls
 
 Point3 = tuple[float, float, float]
 """(east_m, north_m, up_m), up above the ground."""
@@ -18,7 +21,7 @@ Point3 = tuple[float, float, float]
 class City:
     """Buildings on flat ground. Immutable, so a deep copy is the city itself."""
 
-    __slots__ = ("_heights_m", "_tree", "bounds", "buildings", "counts", "source")
+    __slots__ = ("_heights_m", "_tree", "_walls", "bounds", "buildings", "counts", "source")
 
     def __init__(self, buildings: Sequence[Building], source: str, counts: Mapping[str, int] | None = None) -> None:
         """`source` says where they come from; `counts` what its reader met. Raises ValueError without buildings."""
@@ -28,6 +31,7 @@ class City:
         self.source = source
         self.counts: dict[str, int] = dict(counts or {})
         self._tree = shapely.STRtree([building.shape for building in self.buildings])
+        self._walls: Walls | None = None
         self._heights_m = np.array([building.height_m for building in self.buildings])
         west, south, east, north = shapely.total_bounds(self._tree.geometries).tolist()
         self.bounds: tuple[float, float, float, float] = (west, south, east, north)
@@ -36,6 +40,14 @@ class City:
     def __deepcopy__(self, memo: dict[int, Any]) -> City:
         """Itself: nothing in a city ever changes."""
         return self
+
+    def walls(self) -> Walls:
+        """The buildings as arrays for kernels, in the city's order; made when first asked for."""
+        if self._walls is None:
+            from skyrange.city.walls import flatten  # a compiler, which those who only ask for places need not load
+
+            self._walls = flatten(self.buildings)
+        return self._walls
 
     def __len__(self) -> int:
         return len(self.buildings)

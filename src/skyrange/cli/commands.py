@@ -93,6 +93,7 @@ def _print_summary(facts: dict[str, Any]) -> None:
             f"{row['frames_received']:,} of {row['frames_sent']:,}",
         )
     console.print(aircraft)
+    _print_mishaps(console, facts["mishaps"])
     timings = facts["timings"]
     factor = timings.get("real_time_factor")
     wall_s = timings.get("wall_s")
@@ -103,6 +104,18 @@ def _print_summary(facts: dict[str, Any]) -> None:
     console.print(f"run    {facts['path']}", soft_wrap=True, markup=False)
     if facts["report"]:
         console.print(f"report {facts['report']}", soft_wrap=True, markup=False)
+
+
+MOST_MISHAPS = 12
+"""Lines of mishaps in a summary; the record and its report hold all."""
+
+
+def _print_mishaps(console: Console, mishaps: Sequence[dict[str, Any]]) -> None:
+    """Collisions, crashes, breaches and failsafes, one a line."""
+    for mishap in mishaps[:MOST_MISHAPS]:
+        console.print(f"[red]![/] {mishap['words']}", markup=True)
+    if len(mishaps) > MOST_MISHAPS:
+        console.print(f"[red]![/] and {len(mishaps) - MOST_MISHAPS} more of these; the report shows them")
 
 
 def report(folder: Path, out: Path | None, as_json: bool) -> None:

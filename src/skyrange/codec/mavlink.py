@@ -41,6 +41,7 @@ __all__ = [
     "Message",
     "Packer",
     "Piece",
+    "body_of",
     "decode",
     "describe",
     "dialect",
@@ -142,22 +143,19 @@ class Packer:
         self.component = component
         self.sequence = 0
 
+    def skip(self) -> int:
+        """Take the next sequence number, for a frame that is made elsewhere."""
+        sequence = self.sequence
+        self.sequence = (sequence + 1) & 0xFF
+        return sequence
+
     def pack(self, message: Message) -> bytes:
         """The frame of `message`, which is left as it was; `ValueError` names a field that does not fit."""
         number: int = type(message).id  # not message.id: a field of STATUSTEXT, BATTERY_STATUS and others
         layout = LAYOUTS[number]
-        values = layout.attributes(message)
-        if layout.spread:
-            values = _flat(layout, values)
-        elif len(layout.fields) == 1:
-            values = (values,)
-        try:
-            body = layout.pack(*values)
-        except (struct.error, OverflowError, TypeError) as error:
-            raise ValueError(f"{layout.cls.msgname} {describe(message)}: {error}") from error
+        body = body_of(message)
         body = body.rstrip(b"\0") or b"\0"  # the first byte always stays (serialization, "payload truncation")
-        sequence = self.sequence
-        self.sequence = (sequence + 1) & 0xFF
+        sequence = self.skip()
         covered = (
             pack_header_v2(
                 MAGIC_V2, len(body), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16
@@ -165,6 +163,20 @@ class Packer:
             + body
         )
         return covered + checksum(covered[1:], layout.crc_extra).to_bytes(2, "little")
+
+
+def body_of(message: Message) -> bytes:
+    """The whole payload of `message`, extensions included and no zeros cut; `ValueError` names what does not fit."""
+    layout = LAYOUTS[type(message).id]
+    values = layout.attributes(message)
+    if layout.spread:
+        values = _flat(layout, values)
+    elif len(layout.fields) == 1:
+        values = (values,)
+    try:
+        return layout.pack(*values)
+    except (struct.error, OverflowError, TypeError) as error:
+        raise ValueError(f"{layout.cls.msgname} {describe(message)}: {error}") from error
 
 
 def _flat(layout: Layout, values: Any) -> list[Any]:

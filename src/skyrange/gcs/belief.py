@@ -1,79 +1,162 @@
-"""What does a ground station believe about its aircraft? The last thing each message told it, and which frame."""
+"""What does a ground station believe about its aircraft? The last thing each message told it, a row per aircraft."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from enum import IntFlag
+from typing import Any, Final
 
-from skyrange.codec.mavlink import Message
+import numpy as np
+from numpy.typing import NDArray
+
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, Time
 
+_ARMED: Final = mav.MAV_MODE_FLAG_SAFETY_ARMED
+_BELIEF: Final = np.dtype(
+    [
+        ("watch", "i8"),  # a Watch: what its pilot wants to see itself
+        ("heard_ns", "i8"),  # when its last heartbeat was read
+        ("armed", "i8"),  # 0, 1, or -1 never told
+        ("mode", "i8"),  # -1 never told
+        ("beat_seq", "i8"),
+        ("disarmed_beats", "i8"),
+        ("position_ns", "i8"),
+        ("item_ns", "i8"),
+        ("item", "i8"),  # -1 never told
+        ("farthest_item", "i8"),
+        ("frames", "i8"),
+        ("bad", "i8"),
+        ("foreign", "i8"),
+        ("read_ns", "i8"),  # when its pilot last read a frame itself
+    ]
+)
 
-@dataclass(slots=True)
+
+class Watch(IntFlag):
+    """Which messages may mean something to a pilot even when they say nothing new."""
+
+    NONE = 0
+    HEARTBEAT = 1
+    POSITION = 2
+    COMPLETE = 4
+    """MISSION_CURRENT that says the mission is complete."""
+
+
+class Beliefs:
+    """What a station believes about all its aircraft, by place; `gcs.reading` fills it from columns of frames."""
+
+    def __init__(self, count: int) -> None:
+        self.table: NDArray[Any] = np.zeros(count, dtype=_BELIEF)
+        for name in ("armed", "mode", "item", "beat_seq"):
+            self.table[name] = -1
+        for name in ("heard_ns", "position_ns", "item_ns", "read_ns"):
+            self.table[name] = -NEVER
+
+    def of(self, place: int) -> Belief:
+        """One aircraft's row."""
+        return Belief(self, place)
+
+
 class Belief:
-    """One aircraft as told by its telemetry; units are MAVLink's, `-NEVER` and `None` mean "never told"."""
+    """One aircraft as told by its telemetry: a view of its row in `Beliefs`; `-NEVER` and `None` mean "never told"."""
 
-    heard_ns: Time = -NEVER
-    """When its last heartbeat was read."""
-    armed: bool | None = None
-    disarmed_beats: int = 0
-    """Heartbeats in a row that said it is disarmed; copies of one count once."""
-    beat_seq: int = -1
-    """Sequence number of the last heartbeat read."""
-    mode: int | None = None
-    """ArduCopter's mode number."""
-    mode_ref: FrameId | None = None
-    """The heartbeat that last changed `mode` or `armed`."""
-    position_ns: Time = -NEVER
-    lat_e7: int = 0
-    lon_e7: int = 0
-    alt_msl_mm: int = 0
-    above_home_mm: int = 0
-    position_ref: FrameId | None = None
-    item: int | None = None
-    """Mission item it says it flies to (0 is home)."""
-    item_ns: Time = -NEVER
-    farthest_item: int = 0
-    """Largest `item` since the mission was started."""
-    item_ref: FrameId | None = None
+    __slots__ = ("_place", "_table", "mode_ref")
 
-    def on_heartbeat(self, now: Time, message: Message, ref: FrameId) -> bool:
+    def __init__(self, beliefs: Beliefs, place: int) -> None:
+        self._table = beliefs.table
+        self._place = place
+        self.mode_ref: FrameId | None = None
+        """The heartbeat that last changed `mode` or `armed`."""
+
+    def _get(self, name: str) -> int:
+        return int(self._table[name][self._place])
+
+    def set(self, name: str, value: int) -> None:
+        """Put a number into the row."""
+        self._table[name][self._place] = value
+
+    def count(self, name: str) -> int:
+        """Count `frames`, `bad` or `foreign` up by one; the new number."""
+        self._table[name][self._place] += 1
+        return self._get(name)
+
+    @property
+    def heard_ns(self) -> Time:
+        """When its last heartbeat was read."""
+        return self._get("heard_ns")
+
+    @property
+    def armed(self) -> bool | None:
+        """What its last heartbeat said."""
+        told = self._get("armed")
+        return None if told < 0 else bool(told)
+
+    @property
+    def mode(self) -> int | None:
+        """ArduCopter's mode number."""
+        told = self._get("mode")
+        return None if told < 0 else told
+
+    @property
+    def disarmed_beats(self) -> int:
+        """Heartbeats in a row that said it is disarmed; copies of one count once."""
+        return self._get("disarmed_beats")
+
+    @property
+    def position_ns(self) -> Time:
+        """When its last position was read."""
+        return self._get("position_ns")
+
+    @property
+    def item_ns(self) -> Time:
+        """When its last mission item was read."""
+        return self._get("item_ns")
+
+    @property
+    def farthest_item(self) -> int:
+        """Largest mission item that it named since the mission was started."""
+        return self._get("farthest_item")
+
+    @property
+    def frames(self) -> int:
+        """Frames that came on its link."""
+        return self._get("frames")
+
+    @property
+    def bad(self) -> int:
+        """Of them, those that are no valid MAVLink frame."""
+        return self._get("bad")
+
+    @property
+    def foreign(self) -> int:
+        """Of them, those of another system or component than the aircraft's autopilot."""
+        return self._get("foreign")
+
+    def on_heartbeat(self, now: Time, base_mode: int, mode: int, sequence: int, ref: FrameId) -> bool:
         """Take in a HEARTBEAT; whether the mode is another than before."""
-        self.heard_ns = now
-        armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+        self.set("heard_ns", now)
+        armed = bool(base_mode & _ARMED)
         if armed:
-            self.disarmed_beats = 0
-        elif message.get_seq() != self.beat_seq:
-            self.disarmed_beats += 1
-        self.beat_seq = message.get_seq()
-        changed: bool = message.custom_mode != self.mode
+            self.set("disarmed_beats", 0)
+        elif sequence != self._get("beat_seq"):
+            self.set("disarmed_beats", self.disarmed_beats + 1)
+        self.set("beat_seq", sequence)
+        changed = mode != self.mode
         if changed or armed != self.armed:
-            self.mode, self.armed, self.mode_ref = message.custom_mode, armed, ref
+            self.set("mode", mode)
+            self.set("armed", armed)
+            self.mode_ref = ref
         return changed
 
-    def on_position(self, now: Time, message: Message, ref: FrameId) -> None:
-        """Take in a GLOBAL_POSITION_INT."""
-        self.position_ns, self.position_ref = now, ref
-        self.lat_e7, self.lon_e7 = message.lat, message.lon
-        self.alt_msl_mm, self.above_home_mm = message.alt, message.relative_alt
-
-    def on_current(self, now: Time, message: Message, ref: FrameId) -> bool:
+    def on_current(self, now: Time, item: int) -> bool:
         """Take in a MISSION_CURRENT; whether the item is another than before."""
-        self.item_ns = now
-        changed: bool = message.seq != self.item
-        if changed:
-            self.item, self.item_ref = message.seq, ref
-        self.farthest_item = max(self.farthest_item, message.seq)
+        self.set("item_ns", now)
+        changed = item != self._get("item")
+        self.set("item", item)
+        self.reached(item)
         return changed
 
-
-@dataclass(slots=True)
-class Counts:
-    """What came in, per aircraft."""
-
-    frames: int = 0
-    bad: int = 0
-    """Bytes that are no valid MAVLink frame."""
-    foreign: int = 0
-    """Frames of another system or component than the aircraft's autopilot."""
+    def reached(self, item: int) -> None:
+        """It has come as far as `item`."""
+        self.set("farthest_item", max(self.farthest_item, item))

@@ -13,13 +13,15 @@ class Flight:
     """One aircraft of an operator and what it is to fly.
 
     `vehicle` is its range-wide id (`blue/b1`), `system_id` its MAVLink system, 1…250, unique within the
-    operator. It is armed and started at `depart_s`, or as soon as it is ready after that.
+    operator's MAVLink network number `network`. It is armed and started at `depart_s`, or as soon as it is
+    ready after that.
     """
 
     vehicle: str
     system_id: int
     plan: FlightPlan
     depart_s: float = 0.0
+    network: int = 0
 
 
 @dataclass(frozen=True, slots=True)

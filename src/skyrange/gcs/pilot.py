@@ -16,13 +16,14 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time, from_seconds, to_seconds
 from skyrange.gcs import scripts
-from skyrange.gcs.belief import Belief, Counts
+from skyrange.gcs.belief import Belief, Watch
 from skyrange.gcs.commands import Command, Exchange, result_name
 from skyrange.gcs.filing import Filing
 from skyrange.gcs.flights import Flight, Outcome
 from skyrange.gcs.guide import Guide
 from skyrange.gcs.lifecycle import ARMED, CARRYING, OVER, Event, State, after
 from skyrange.gcs.routes import estimated_duration_s
+from skyrange.gcs.streams import Profile, requests
 from skyrange.gcs.transfer import Download, Transfer, Upload
 from skyrange.gcs.wire_items import wire_items
 from skyrange.utm.messages import DecisionBody
@@ -60,10 +61,9 @@ class Pilot:
     port: Port
     approval_port: Port
     epoch: Epoch
-    streams: tuple[tuple[int, float], ...]
+    streams: Profile
+    belief: Belief
     state: State = State.PLANNED
-    belief: Belief = field(default_factory=Belief)
-    counts: Counts = field(default_factory=Counts)
     outcome: Outcome | None = None
     due: Time = 0
     intent: str = ""
@@ -89,18 +89,16 @@ class Pilot:
 
     def on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> bool:
         """Read one frame from the aircraft's link; whether `due` may have changed."""
-        self.counts.frames += 1
+        self.belief.count("frames")
         try:
             message = decode(arrival.payload)
         except DecodeError as error:
-            self.counts.bad += 1
-            self._note_count("decision.bad_frame", self.counts.bad, str(error), arrival.ref, out)
+            self._note_count("decision.bad_frame", self.belief.count("bad"), str(error), arrival.ref, out)
             return False
         header = message._header
         if header.srcSystem != self.flight.system_id or header.srcComponent != AUTOPILOT_COMPONENT:
-            self.counts.foreign += 1
             sender = f"{header.srcSystem}/{header.srcComponent}"
-            self._note_count("decision.foreign_frame", self.counts.foreign, f"from {sender}", arrival.ref, out)
+            self._note_count("decision.foreign_frame", self.belief.count("foreign"), f"from {sender}", arrival.ref, out)
             return False
         handler = _HANDLERS.get(message.get_msgId())
         if handler is None:
@@ -126,7 +124,8 @@ class Pilot:
         if self.state is State.PLANNED:
             self._raise(Event.BEGUN, now, out, ())
         if now >= self.heartbeat_due:
-            self._beat(now, out)
+            self.heartbeat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
+            self._look_at_news(now, out)
         if self.filing is not None and now >= self.filing.due:
             self._file(self.filing, now, out)
         if self.transfer is not None and now >= self.transfer.due:
@@ -146,7 +145,7 @@ class Pilot:
         if self.link_lost:
             self.link_lost = False
             out.note("decision.link_restored", self.flight.vehicle, None, (ref,))
-        if self.belief.on_heartbeat(now, message, ref):
+        if self.belief.on_heartbeat(now, message.base_mode, message.custom_mode, message.get_seq(), ref):
             name = result_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
             out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
         if self.state is State.CONNECTING:
@@ -158,7 +157,7 @@ class Pilot:
             self._disarmed(now, out, ref)
 
     def _on_position(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        self.belief.on_position(now, message, ref)
+        self.belief.set("position_ns", now)
         guide = self.guide
         if guide is not None and self.state is State.STARTING and guide.has_left(message.relative_alt):
             self._drop_commands()  # the acknowledgement was lost; asked again in the air, ArduCopter answers FAILED
@@ -177,14 +176,14 @@ class Pilot:
             self._send_target(guide, now, out, (ref,))
 
     def _on_current(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        if self.belief.on_current(now, message, ref) and self.state is State.FLYING and self.guide is None:
+        if self.belief.on_current(now, message.seq) and self.state is State.FLYING and self.guide is None:
             data: dict[str, Scalar] = {"item": message.seq, "of": len(self.flight.plan.items)}
             out.note("decision.progress", self.flight.vehicle, data, (ref,))
         if message.mission_state == mav.MISSION_STATE_COMPLETE:
             self._mission_done(now, out, ref)
 
     def _on_reached(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        self.belief.farthest_item = max(self.belief.farthest_item, message.seq)
+        self.belief.reached(message.seq)
         if message.seq == scripts.last_leg(self.flight.plan):
             self._mission_done(now, out, ref)
 
@@ -257,12 +256,14 @@ class Pilot:
         elif state in _CLOCKED and now >= self._clock_ns():
             self._raise(_CLOCKED[state], now, out, causes)
         elif state is State.PREPARING:
-            self.belief.position_ns = self.belief.item_ns = now
+            self._told_now(now)
         elif state is State.FLYING:
-            self.belief.farthest_item = 0
+            self.belief.set("farthest_item", 0)
         elif state in OVER:
             self._over(now, out, causes)
-        commands = scripts.commands(state, plan, self.streams)
+        if state is State.STREAMING:
+            self._say(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, causes)
+        commands = scripts.commands(state, plan, self.streams.messages)
         if commands and self.state is state:
             self.todo = list(commands)
             self._next_command(now, out, causes)
@@ -353,13 +354,8 @@ class Pilot:
 
     # --- time ------------------------------------------------------------------------------------------
 
-    def _beat(self, now: Time, out: Outbox) -> None:
-        """Once a second: a heartbeat, and a look at how old the news is."""
-        self.heartbeat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
-        message = mav.MAVLink_heartbeat_message(
-            mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, mav.MAV_STATE_ACTIVE, 3
-        )
-        self._say([message], out, ())
+    def _look_at_news(self, now: Time, out: Outbox) -> None:
+        """Once a second, when the station sends its heartbeat: how old is what it knows?"""
         if self.state in OVER:
             return
         belief = self.belief
@@ -370,8 +366,9 @@ class Pilot:
         if not silent and self.state in _WATCHED and self.exchange is None:
             told_ns = belief.position_ns if self.guide else min(belief.position_ns, belief.item_ns)
             if now - told_ns > STALE_NS:
-                belief.position_ns = belief.item_ns = now  # not again before they are stale again
-                self.todo = list(scripts.stream_commands(self.streams))
+                self._told_now(now)  # not again before they are stale again
+                self._say(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, ())
+                self.todo = list(scripts.stream_commands(self.streams.messages))
                 self._next_command(now, out, ())
 
     def _depart_ns(self) -> Time:
@@ -393,6 +390,20 @@ class Pilot:
         if self.state in _CLOCKED:
             due = min(due, self._clock_ns())
         self.due = due
+        watch = Watch.NONE
+        if self.link_lost or self.state in (State.CONNECTING, State.ARMING):
+            watch |= Watch.HEARTBEAT
+        if self.state in ARMED and not self.belief.armed:
+            watch |= Watch.HEARTBEAT
+        if self.guide is not None and self.state in (State.STARTING, State.FLYING):
+            watch |= Watch.POSITION
+        if self.state is State.FLYING:
+            watch |= Watch.COMPLETE
+        self.belief.set("watch", watch)
+
+    def _told_now(self, now: Time) -> None:
+        self.belief.set("position_ns", now)
+        self.belief.set("item_ns", now)
 
     # --- what goes out ---------------------------------------------------------------------------------
 
@@ -429,4 +440,5 @@ _HANDLERS = {
     mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: Pilot._on_item,
     mav.MAVLINK_MSG_ID_COMMAND_ACK: Pilot._on_command_ack,
 }
-"""What is read beyond its header; all other telemetry is decoded (bad frames count) and left."""
+READ = frozenset(_HANDLERS)
+"""What a pilot reads; all other telemetry is decoded (bad frames count) and kept as last told."""

@@ -2,21 +2,28 @@
 
 It talks on `gcs:<vehicle>` with each of its own aircraft and on `approval:<operator>` with the flight
 approval, and owns no other port. Who is due next stands in a heap, so a fleet that is silent costs nothing.
+Telemetry is decoded in columns; a pilot reads what may change what it does (`gcs.reading`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from heapq import heappop, heappush
+from typing import Any
+
+import numpy as np
 
 from skyrange.agent.messages import Arrival, Inbox, Outbox, Scalar
+from skyrange.codec.columns import dtype_of, pack
+from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
-from skyrange.gcs.belief import Belief
+from skyrange.gcs.belief import Belief, Beliefs
 from skyrange.gcs.flights import Flight, Outcome
 from skyrange.gcs.lifecycle import OVER, State
-from skyrange.gcs.pilot import Pilot
+from skyrange.gcs.pilot import AUTOPILOT_COMPONENT, READ, STATION_COMPONENT, STATION_SYSTEM, Pilot
+from skyrange.gcs.reading import Reader
 from skyrange.gcs.streams import PROFILES
 from skyrange.utm.messages import DecisionBody, decode_response
 
@@ -26,7 +33,10 @@ MAX_SYSTEM_ID = 250
 
 
 class GroundStation:
-    """The ground station of one operator (endpoint `<operator>.gcs`, MAVLink 255/190)."""
+    """The ground station of one operator (endpoint `<operator>.gcs`, MAVLink 255/190 in every network).
+
+    Aircraft are told apart by link and system id, so it serves any number of MAVLink networks.
+    """
 
     def __init__(
         self,
@@ -47,16 +57,24 @@ class GroundStation:
         self.operator = operator
         self.service_ns = service_ns
         approval = Port(self.name, link_name("approval", operator))
-        wanted = tuple(PROFILES[streams].items())
+        wanted = PROFILES[streams]
+        self._beliefs = Beliefs(len(flights))
         self._pilots = [
-            Pilot(flight, Port(self.name, link_name("gcs", flight.vehicle)), approval, epoch, wanted)
-            for flight in flights
+            Pilot(
+                flight,
+                Port(self.name, link_name("gcs", flight.vehicle)),
+                approval,
+                epoch,
+                wanted,
+                self._beliefs.of(place),
+            )
+            for place, flight in enumerate(flights)
         ]
+        self._reader = Reader(self._beliefs, [flight.system_id for flight in flights], AUTOPILOT_COMPONENT, READ)
         self.ports: Sequence[Port] = (*(pilot.port for pilot in self._pilots), approval)
         self.bad_approvals = 0
         """Frames on the approval link that were not understood or not asked for."""
-        self._approval_link = approval.link
-        self._by_link = {pilot.port.link: number for number, pilot in enumerate(self._pilots)}
+        self._places = {port: place for place, port in enumerate(self.ports)}
         self._by_intent: dict[str, int] = {}
         self._heap: list[tuple[Time, int]] = [(0, number) for number in range(len(flights))]
         self._queued: list[Time] = [0] * len(flights)
@@ -70,26 +88,46 @@ class GroundStation:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Read the mail, then do what is due."""
         out = Outbox()
-        for arrival in inbox:
-            link = arrival.port.link
-            if link == self._approval_link:
-                self._on_approval(now, arrival, out)
-                continue
-            number = self._by_link[link]
-            if self._pilots[number].on_frame(now, arrival, out):
-                self._queue(number)
+        if len(inbox):
+            self._read(now, inbox, out)
         heap = self._heap
+        beating = []
         while heap and heap[0][0] <= now:
             _, number = heappop(heap)
             self._queued[number] = NEVER
             pilot = self._pilots[number]
             if pilot.due <= now:
                 began = pilot.state is State.PLANNED
+                if pilot.heartbeat_due <= now:
+                    beating.append(number)
                 pilot.on_time(now, out)
                 if began:
                     self._by_intent[pilot.intent] = number
             self._queue(number)
+        if beating:
+            self._beat(beating, out)
         return out
+
+    def _read(self, now: Time, inbox: Inbox, out: Outbox) -> None:
+        """Decode all that came; what only renews what is known is taken in at once, the rest read in order."""
+        table = inbox.columns(self._places)
+        for row in self._reader.read(now, table.places, table.payloads).tolist():
+            arrival = inbox.arrival(table.order.item(row))
+            number = table.places.item(row)
+            if number == len(self._pilots):
+                self._on_approval(now, arrival, out)
+            elif self._pilots[number].on_frame(now, arrival, out):
+                self._queue(number)
+
+    def _beat(self, numbers: list[int], out: Outbox) -> None:
+        """Send the station's heartbeat to some aircraft."""
+        beat = np.zeros(len(numbers), dtype=dtype_of(mav.MAVLINK_MSG_ID_HEARTBEAT))
+        beat["type"], beat["autopilot"] = mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID
+        beat["system_status"], beat["mavlink_version"] = mav.MAV_STATE_ACTIVE, 3
+        systems = np.full(len(numbers), STATION_SYSTEM)
+        sequences = np.array([self._pilots[number].packer.skip() for number in numbers], dtype=np.int64)
+        frames = pack([(mav.MAVLINK_MSG_ID_HEARTBEAT, beat, systems, sequences)], STATION_COMPONENT)
+        out.send_block(np.array(numbers, dtype=np.int64), frames)
 
     def _queue(self, number: int) -> None:
         """Have a pilot in the heap by the time it is due; earlier entries find nothing to do and are dropped."""
@@ -139,13 +177,20 @@ class GroundStation:
 
     def belief(self, vehicle: str) -> Belief:
         """What the station believes about one of its aircraft; `KeyError` for another's."""
-        return self._pilots[self._by_link[link_name("gcs", vehicle)]].belief
+        return self._pilots[self._place(vehicle)].belief
+
+    def latest(self, vehicle: str, message_id: int) -> Any:
+        """The last message of a kind from one of its aircraft, a record of its fields; `None` if there was none."""
+        return self._reader.latest(self._place(vehicle), message_id)
+
+    def _place(self, vehicle: str) -> int:
+        return self._places[Port(self.name, link_name("gcs", vehicle))]
 
 
 def _check(operator: str, flights: Sequence[Flight], streams: str) -> None:
     faults: list[Fault] = []
     vehicles: set[str] = set()
-    systems: set[int] = set()
+    systems: set[tuple[int, int]] = set()
     if streams not in PROFILES:
         faults.append(Fault("streams", repr(streams), "a stream profile", nearest(streams, PROFILES)))
     for flight in flights:
@@ -153,10 +198,11 @@ def _check(operator: str, flights: Sequence[Flight], streams: str) -> None:
             faults.append(Fault("vehicle", repr(flight.vehicle), f"an aircraft of operator {operator!r}"))
         if flight.vehicle in vehicles:
             faults.append(Fault("vehicle", repr(flight.vehicle), "an id that occurs once"))
-        if flight.system_id in systems or not 1 <= flight.system_id <= MAX_SYSTEM_ID:
-            expected = f"a system id in 1…{MAX_SYSTEM_ID} that occurs once"
+        address = (flight.network, flight.system_id)
+        if address in systems or not 1 <= flight.system_id <= MAX_SYSTEM_ID:
+            expected = f"a system id in 1…{MAX_SYSTEM_ID} that occurs once in its network"
             faults.append(Fault(f"{flight.vehicle}.system_id", str(flight.system_id), expected))
         vehicles.add(flight.vehicle)
-        systems.add(flight.system_id)
+        systems.add(address)
     if faults:
         raise InputError(f"ground station of {operator}", faults)

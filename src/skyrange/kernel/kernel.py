@@ -14,15 +14,19 @@ from copy import deepcopy
 from heapq import heappop, heappush
 from math import gcd
 
+import numpy as np
+
 from skyrange.agent.contracts import Agent, InstanceStatus, Observer
 from skyrange.agent.links import AttackPlan
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
+from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
-from skyrange.kernel.lane import Mailbox, Transit
+from skyrange.kernel.faults import FaultBench
+from skyrange.kernel.lane import Lane, Mailbox, Transit
 from skyrange.kernel.traffic import Code, Traffic, acts, blamed
 from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
 
@@ -70,6 +74,7 @@ class Kernel:
         self._ports = sending_lanes(lanes)
         self._traffic = Traffic(lanes, observers)
         self._world = wiring.world
+        self._faults = FaultBench(wiring.attacks, wiring.world)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
         self._ended = False
@@ -84,6 +89,9 @@ class Kernel:
             if taken is not None:
                 raise ComponentError(box.name, f"owns the port {port.endpoint} on {port.link}, as {taken.name} does")
             incoming[port].receiver = box
+        sides = [seat.agent.ports for seat in seats] + [berth.engine.ports for berth in self._berths]
+        self._traffic.open_express({port: place for side in sides for place, port in enumerate(side)}, wiring.fuse)
+        self._lane_numbers: dict[str, Ints] = {}
         quantum = self._world.quantum_ns if self._world is not None else 0
         preroll = max((berth.engine.preroll_ns for berth in self._berths), default=0)
         start = -ceil_to(preroll, quantum)
@@ -175,10 +183,16 @@ class Kernel:
         assert world is not None
         for note in world.advance(now):
             self._note(now, "world", note)
+        faults = self._faults
+        if faults.present:
+            for label in faults.work(now, world):
+                self._traffic.label(label)
         for berth in self._berths:
             box = berth.box
-            inbox = box.collect() if box.pending and now % box.service_ns == 0 else EMPTY_INBOX
+            inbox = box.collect() if box.full and now % box.service_ns == 0 else EMPTY_INBOX
             sensors = world.sensors(berth.rows)
+            if faults.present:
+                sensors = faults.reaching(berth.rows, sensors)
             try:
                 berth.engine.begin(now, sensors, inbox)
             except Exception as error:
@@ -191,8 +205,9 @@ class Kernel:
             world.actuate(berth.rows, finished.actuators)
             if finished.status is not None:
                 self._check_status(now, berth, finished.status)
-            if finished.outbox.departures or finished.outbox.notes:
-                self._dispatch(now, berth.engine.name, finished.outbox, None)
+            outbox = finished.outbox
+            if outbox.departures or outbox.notes or outbox.blocks:
+                self._dispatch(now, berth.engine.name, outbox, berth.engine.ports, None)
         if now >= self._next_truth:
             for observer in self._traffic.observers:
                 observer.on_truth(now, world)
@@ -240,7 +255,7 @@ class Kernel:
             outbox = seat.agent.step(now, box.collect())
         except Exception as error:
             raise blamed(f"agent {box.name}", now, error) from error
-        self._dispatch(now, box.name, outbox, seat.attack)
+        self._dispatch(now, box.name, outbox, seat.agent.ports, seat.attack)
         self._schedule_seat(seat, now)
 
     def _schedule_seat(self, seat: _Seat, now: Time) -> None:
@@ -253,22 +268,32 @@ class Kernel:
             seat.box.due = due
             heappush(self._traffic.heap, ((due << 3) | _WAKEUP, "agent", seat.box.name, 0, _STEP, seat.box))
 
-    def _dispatch(self, now: Time, name: str, outbox: Outbox, attack: AttackPlan | None) -> None:
+    def _dispatch(self, now: Time, name: str, outbox: Outbox, own: Sequence[Port], attack: AttackPlan | None) -> None:
         for note in outbox.notes:
             self._note(now, name, note)
         if not acts(attack, now):
             return
-        ports, traffic = self._ports, self._traffic
-        for port, payload, causes in outbox.departures:
-            lane = ports.get(port)
-            if lane is None:
-                raise ComponentError(
-                    f"agent {name}", f"sent from {port.endpoint} on {port.link}, which is no link's end"
-                )
+        traffic = self._traffic
+        singly = outbox.departures if attack is None else outbox.each(own)  # hostile frames are labelled one by one
+        for port, payload, causes in singly:
+            lane = self._lane(name, port)
             frame = lane.frame(lane.src, now, payload, lane.src, lane.dst, None, causes)
             if attack is not None:
                 traffic.label(Label(now, attack.id, name, "send", frame.id))
             traffic.transmit(now, lane, frame, 0)
+        if outbox.blocks and attack is None:
+            numbers = self._lane_numbers.get(name)
+            if numbers is None:
+                numbers = np.array([self._lane(name, port).number for port in own], dtype=np.int64)
+                self._lane_numbers[name] = numbers
+            for places, payloads in outbox.blocks:
+                traffic.transmit_block(now, numbers[places], payloads)
+
+    def _lane(self, name: str, port: Port) -> Lane:
+        lane = self._ports.get(port)
+        if lane is None:
+            raise ComponentError(f"agent {name}", f"sent from {port.endpoint} on {port.link}, which is no link's end")
+        return lane
 
     def _note(self, now: Time, source: str, note: Note) -> None:
         for observer in self._traffic.observers:

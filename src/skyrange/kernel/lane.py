@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import Tap
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import AttackPlan, LinkSpec, Route
@@ -36,9 +39,9 @@ class Lane:
         "_addresses",
         "_chance",
         "_drawn",
-        "_own",
         "_serials",
         "channel",
+        "counters",
         "direction",
         "dst",
         "forwards",
@@ -47,6 +50,7 @@ class Lane:
         "link",
         "local",
         "name",
+        "number",
         "out_taps",
         "port",
         "receiver",
@@ -69,8 +73,11 @@ class Lane:
         """The same routes where they may be followed at sending time; `None` where they may not."""
         self.receiver: Mailbox | None = None
         self.local = True
+        self.number = 0
+        """Its place among the kernel's lanes, in order of their names."""
+        self.counters = np.zeros(1, dtype=np.int64)
+        """How many frames each lane's own source has sent on it, by number: one array for all lanes of a kernel."""
         self._chance = chance
-        self._own = 0  # frames that `src` itself sent: nearly all there are, so worth a counter of their own
         self._serials: dict[str, int] = {}
         self._addresses: dict[str, int] = {}
         self._drawn: dict[str, tuple[Time, int]] = {}
@@ -87,8 +94,8 @@ class Lane:
     ) -> Frame:
         """A new frame of `sender` on this lane, with that sender's next serial."""
         if sender == self.src:
-            serial = self._own
-            self._own = serial + 1
+            serial = self.counters.item(self.number)
+            self.counters[self.number] = serial + 1
         else:
             serial = self._serials.get(sender, 0)
             self._serials[sender] = serial + 1
@@ -129,11 +136,18 @@ class Mailbox:
     """An engine's mail is collected by its ticks; an agent's mail wakes it."""
     due: Time | None = None
     pending: list[Arrival] = field(default_factory=list)
+    blocks: list[FrameBlock] = field(default_factory=list)
+
+    @property
+    def full(self) -> bool:
+        """Whether anything is in it."""
+        return bool(self.pending or self.blocks)
 
     def collect(self) -> Inbox:
         """Empty the box."""
         mail, self.pending = self.pending, []
-        return Inbox(mail)
+        blocks, self.blocks = self.blocks, []
+        return Inbox(mail, blocks)
 
 
 @dataclass(slots=True)

@@ -11,14 +11,19 @@ from enum import IntEnum
 from heapq import heappush
 from typing import Any
 
+import numpy as np
+
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import MIN_LATENCY_NS, AttackPlan
 from skyrange.agent.messages import Arrival
+from skyrange.agent.payloads import Ints, Payloads
 from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, SkyrangeError
-from skyrange.core.ids import FrameId
+from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
+from skyrange.kernel.express import Express, Landing
 from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
 
 _DELIVERY = int(Phase.DELIVERY)
@@ -34,13 +39,18 @@ class Code(IntEnum):
     FORWARD = 3  # an endpoint's route sends on what waits
     TAP = 4  # a tap acts on its own initiative
     STEP = 5  # an agent is stepped
+    LAND = 6  # blocks come out of the last channel of their express
 
 
 # Plain ints: enum look-ups cost more than the events they name.
-_ARRIVE, _RESUME, _CLOSE, _FORWARD, _TAP, _STEP = (int(code) for code in Code)
+_ARRIVE, _RESUME, _CLOSE, _FORWARD, _TAP, _STEP, _LAND = (int(code) for code in Code)
 
 Event = tuple[int, str, str, int, int, Any]
 """(time << 3 | phase, lane or group, sender or owner, that sender's serial, code, what the code needs)."""
+
+
+def _number(lane: Lane) -> int:
+    return lane.number
 
 
 def acts(attack: AttackPlan | None, now: Time) -> bool:
@@ -52,11 +62,19 @@ class Traffic:
     """All frames under way in one kernel."""
 
     def __init__(self, lanes: dict[str, Lane], observers: Sequence[Observer]) -> None:
+        """`lanes` by name; `open_express` once they are wired."""
         self.heap: list[Event] = []
         self.observers = list(observers)
         self.outbound: list[Transit] = []
         self.lanes = lanes
         self._forwarders: dict[str, Forwarder] = {}
+        self._by_number = sorted(lanes.values(), key=_number)
+        self._express = Express([], {})
+        self._blocks = 0
+
+    def open_express(self, ports: dict[Port, int], fuse: bool) -> None:
+        """Work out which lanes blocks may take; `ports` is the place of every owned port among its owner's."""
+        self._express = Express(self._by_number if fuse else [], ports)
 
     def handle(self, now: Time, code: int, data: Any) -> None:
         """Carry out one event of the heap that is not an agent's step."""
@@ -64,6 +82,8 @@ class Traffic:
             self._arrive(now, *data)
         elif code == _FORWARD:
             self._forward(now, data)
+        elif code == _LAND:
+            self._land_blocks(now, data)
         elif code == _RESUME:
             self.transmit(now, *data)
         elif code == _TAP:
@@ -86,6 +106,8 @@ class Traffic:
                 self._strand(now, [data[1]])
             elif code == _CLOSE:
                 self._strand(now, data)
+            elif code == _LAND:
+                self._strand_blocks(now, data)
         self.heap.clear()
 
     # ---------------------------------------------------------------- taps
@@ -217,6 +239,50 @@ class Traffic:
         self._launch(arrival, lane, frame, None)
         if twin is not None:
             self._duplicate(now, twin, lane, frame)
+
+    def transmit_block(self, now: Time, lanes: Ints, payloads: Payloads) -> None:
+        """Send `payloads[i]` from the source of lane number `lanes[i]`."""
+        express = self._express
+        ways = express.way[lanes] if len(express.way) else np.full(len(lanes), -1, dtype=np.int64)
+        for way in np.unique(ways).tolist():
+            rows = np.flatnonzero(ways == way)
+            whole = len(rows) == len(lanes)
+            if way < 0:
+                for row in rows.tolist():
+                    lane = self._by_number[lanes.item(row)]
+                    self.transmit(now, lane, lane.frame(lane.src, now, payloads[row], lane.src, lane.dst), 0)
+                continue
+            part = (lanes, payloads) if whole else (lanes[rows], payloads.take(rows))
+            for landing in express.fly(now, way, *part, self._by_number[0].counters):
+                self._blocks += 1  # only so that no two events are alike: the order of landings shows nowhere
+                key = (landing.arrival << 3) | _DELIVERY
+                heappush(self.heap, (key, "", "", self._blocks, _LAND, landing))
+
+    def _land_blocks(self, now: Time, landing: Landing) -> None:
+        self._close_blocks(landing.hops)
+        if not landing.to_box:
+            return
+        block, express = landing.hops[-1], self._express
+        owners = express.box_of[block.lane]
+        for owner in np.unique(owners).tolist():
+            rows = np.flatnonzero(owners == owner)
+            box = express.boxes[owner]
+            box.blocks.append(block if len(rows) == len(block) else block.take(rows))
+            self._wake_box(now, box)
+
+    def _close_blocks(self, blocks: Sequence[FrameBlock]) -> None:
+        for observer in self.observers:
+            for block in blocks:
+                observer.on_block(block)
+
+    def _strand_blocks(self, now: Time, landing: Landing) -> None:
+        """As `_strand`; hops that had arrived before are as they were."""
+        begun = [block for block in landing.hops if block.sent_ns <= now]
+        for block in begun:
+            if block.arrived_ns > now:
+                block.arrived_ns = NEVER
+                block.fate = Fate.IN_FLIGHT
+        self._close_blocks(begun)
 
     def _duplicate(self, now: Time, arrival: Time, lane: Lane, frame: Frame) -> None:
         # the channel is the copy's true sender, so the original sender's serials do not shift

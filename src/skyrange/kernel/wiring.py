@@ -68,6 +68,10 @@ def lanes_of(wiring: Wiring, chance: Chance) -> dict[str, Lane]:
                 raise InputError.one("wiring", "links", spec.name, "link names that differ")
             lane.local = wiring.local is None or lane.dst in wiring.local
             lanes[lane.name] = lane
+    counters = np.zeros(len(lanes), dtype=np.int64)
+    for number, name in enumerate(sorted(lanes)):
+        lanes[name].number = number
+        lanes[name].counters = counters
     return lanes
 
 

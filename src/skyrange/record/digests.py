@@ -59,9 +59,27 @@ def hash_rows(words: Words) -> int:
     return (int(high) << 64) | int(low)
 
 
-def payload_hash(payload: bytes) -> bytes:
-    """16 bytes of BLAKE2b (RFC 7693): payloads may be hostile, so theirs is a cryptographic hash."""
-    return blake2b(payload, digest_size=16).digest()
+@kernel
+def hash_bytes(data: NDArray[np.uint8], start: int, size: int) -> tuple[np.uint64, np.uint64]:
+    """Two words of hash of `data[start : start + size]`, mixed as the rows are, eight bytes little endian at a time."""
+    a = _GOLDEN ^ np.uint64(size)
+    b = _F1 + np.uint64(size)
+    at = start
+    end = start + size
+    while at < end:
+        word = np.uint64(0)
+        for place in range(min(8, end - at)):
+            word |= np.uint64(data[at + place]) << np.uint64(8 * place)
+        at += 8
+        a = (a ^ word) + _GOLDEN
+        a = (a ^ (a >> _30)) * _S1
+        a = (a ^ (a >> _27)) * _S2
+        a = a ^ (a >> _31)
+        b = b + word * _S1 + _GOLDEN
+        b = (b ^ (b >> _33)) * _F1
+        b = (b ^ (b >> _33)) * _F2
+        b = b ^ (b >> _33)
+    return a, b
 
 
 @dataclass(slots=True)

@@ -19,8 +19,9 @@ from skyrange.core.time import Epoch
 from skyrange.record.schema import TABLES
 from skyrange.record.spool import cannot_write
 from skyrange.record.stationfiles import StationFiles
-from skyrange.record.stations import TelemetryBuilder, described, seen, survey
+from skyrange.record.stations import seen, survey
 from skyrange.record.tables import Tables, concat, encodings
+from skyrange.record.telemetry import Received, TelemetryBuilder
 
 FINAL = ".final"
 """The folder in which finished files wait until all are."""
@@ -77,7 +78,8 @@ def _stations(final: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
     found = survey(tables)
     builder = TelemetryBuilder(found)
     operators = [str(row["id"]) for row in manifest.get("operators") or []]
-    with StationFiles(final / "operators", operators, found, epoch_of(manifest)) as files:
+    networks = {str(row["id"]): int(row.get("network", 0)) for row in manifest.get("vehicles") or []}
+    with StationFiles(final / "operators", operators, found, epoch_of(manifest), networks) as files:
         return _write(
             final / "telemetry.parquet",
             builder.schema,
@@ -88,9 +90,7 @@ def _stations(final: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
 
 def _received(tables: Tables, builder: TelemetryBuilder, files: StationFiles) -> Iterator[pa.RecordBatch]:
     for block in seen(tables):
-        for item in block:
-            files.heard(item)
-        rows = described(block)
-        for item, fields in rows:
-            files.received(item, fields)
+        files.heard(block)
+        rows = Received(block, builder.kinds)
+        files.received(rows)
         yield builder.batch(rows)

@@ -1,23 +1,27 @@
-"""How do frames become columns? A batch of frame objects into Arrow batches and rows of hash words.
+"""How do frames become columns? A batch of frames and blocks into Arrow batches and rows of hash words.
 
-Per-frame work is a few list comprehensions; names, payloads and frame ids are numbered once and looked up.
+Names and origins are numbered once and looked up; blocks bring columns already, single frames are gathered into
+some. Per-frame work is a few list comprehensions for those, and none for blocks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
 from operator import attrgetter
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from skyrange.agent.blocks import FrameBlock, Lanes
 from skyrange.agent.frames import Fate, Frame
+from skyrange.agent.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, hash64
-from skyrange.record.digests import Words, payload_hash
-from skyrange.record.schema import PAYLOAD_WINDOW
+from skyrange.record.digests import Words
+from skyrange.record.payloads import PayloadNumbers
 
 _FATES = {fate: number for number, fate in enumerate(Fate)}
 _FLOW = attrgetter("link", "direction", "sender", "src", "dst")
@@ -47,8 +51,6 @@ FRAME_SPOOL = pa.schema(
 )
 """Frames as they are spooled: the schema of the table, its names dictionary-encoded."""
 
-PAYLOAD_SPOOL = pa.schema([("payload_id", pa.int64()), ("payload", pa.binary())])
-
 
 class _Numbers(dict[tuple[str, ...], int]):
     """Numbers keys in the order in which they are first asked for."""
@@ -57,51 +59,6 @@ class _Numbers(dict[tuple[str, ...], int]):
         number = len(self)
         self[key] = number
         return number
-
-
-class _Payloads:
-    """Numbers the payloads of the current window and keeps their hashes; those not yet handed over are `fresh`.
-
-    A window ends after `PAYLOAD_WINDOW` payloads or `window_bytes`, counted on payloads alone, so that ids do
-    not depend on when the recorder flushes.
-    """
-
-    def __init__(self, window_bytes: int) -> None:
-        self.window_bytes = window_bytes
-        self.fresh: list[tuple[NDArray[np.int64], list[bytes]]] = []
-        self._numbers: dict[bytes, int] = {}
-        self._start = 0
-        self._held_bytes = 0
-        self._hashes = np.empty((PAYLOAD_WINDOW, 2), dtype=np.uint64)
-
-    def number(self, payloads: list[bytes]) -> tuple[NDArray[np.int64], Words]:
-        """Ids (n,) and hashes (n, 2) of payloads, those not seen in this window getting the next ids."""
-        numbers = self._numbers
-        new = list(dict.fromkeys([payload for payload in payloads if payload not in numbers]))
-        room = self._room(new)
-        if room < len(new):
-            cut = payloads.index(new[room])
-            before = self.number(payloads[:cut])
-            self._numbers.clear()
-            self._held_bytes = 0
-            self._start += PAYLOAD_WINDOW
-            after = self.number(payloads[cut:])
-            return np.concatenate([before[0], after[0]]), np.concatenate([before[1], after[1]])
-        if new:
-            first = len(numbers)
-            numbers.update(zip(new, range(first, first + len(new)), strict=True))
-            hashes = b"".join([payload_hash(payload) for payload in new])
-            self._hashes[first : first + len(new)] = np.frombuffer(hashes, dtype="<u8").reshape(-1, 2)
-            self._held_bytes += sum(map(len, new))
-            self.fresh.append((np.arange(first, first + len(new)) + self._start, new))
-        places = np.fromiter(map(numbers.__getitem__, payloads), np.int64, len(payloads))
-        return places + self._start, self._hashes[places]
-
-    def _room(self, new: list[bytes]) -> int:
-        """How many of the new payloads still belong to this window."""
-        room = min(len(new), PAYLOAD_WINDOW - len(self._numbers))
-        before = self._held_bytes + np.cumsum([0, *map(len, new[: max(room - 1, 0)])])
-        return min(room, int(np.searchsorted(before, self.window_bytes)))
 
 
 class EncodedFrames(NamedTuple):
@@ -116,12 +73,27 @@ class EncodedFrames(NamedTuple):
     last_ns: int
 
 
+class _Columns(NamedTuple):
+    """What is gathered of some frames: arrays of a row each. `origin` is -1 without a parent."""
+
+    flow: Ints
+    serial: Ints
+    sent: Ints
+    arrived: Ints
+    fate: NDArray[np.int32]
+    size: NDArray[np.int32]
+    payload_id: Ints
+    hashes: Words
+    origin: Ints
+    parent_serial: Ints
+
+
 class FrameEncoder:
     """Turns frames into columns; its state is what has been numbered so far, and deep-copyable."""
 
     def __init__(self, window_bytes: int) -> None:
         """`window_bytes` of distinct payloads are de-duplicated together and held in memory."""
-        self._payloads = _Payloads(window_bytes)
+        self._payloads = PayloadNumbers(window_bytes)
         self._flows = _Numbers()  # (link, direction, sender, src, dst)
         self._origins = _Numbers()  # (link, direction, sender) of parents
         self._names = _Numbers()  # (name,)
@@ -130,62 +102,127 @@ class FrameEncoder:
         self._origin_hashes = np.zeros(0, dtype=np.uint64)
         self._prefixes: list[str] = []
         self._dictionary = pa.array([], pa.string())
+        self._lanes: Lanes | None = None
+        self._lane_flows = np.zeros((0, 2), dtype=np.int64)  # the flow and the origin of each lane, -1 unknown
 
-    def encode(self, frames: Sequence[Frame]) -> EncodedFrames:
-        """Columns of `frames`, in their order; the frames are only read."""
-        rows = len(frames)
-        # keys are made and dropped one by one: containers that pile up would set off the garbage collector
-        flow = np.fromiter(map(self._flows.__getitem__, map(_FLOW, frames)), np.int64, rows)
-        serial = np.fromiter([f.serial for f in frames], np.int64, rows)
-        sent = np.fromiter([f.sent_ns for f in frames], np.int64, rows)
-        arrived = np.fromiter([f.arrived_ns for f in frames], np.int64, rows)
-        fate = np.fromiter(map(_FATES.__getitem__, [f.fate for f in frames]), np.int32, rows)
-        size = np.fromiter([len(f.payload) for f in frames], np.int32, rows)
-        payload_id, hashes = self._payloads.number([f.payload for f in frames])
-        parents = [f.parent for f in frames]
-        origins = self._origins
-        origin = np.fromiter([-1 if p is None else origins[p[:3]] for p in parents], np.int64, rows)
-        parent_serial = np.fromiter([-1 if p is None else p[3] for p in parents], np.int64, rows)
-        causes = {}
-        if any(map(_CAUSES, frames)):
-            causes = {row: [str(cause) for cause in f.causes] for row, f in enumerate(frames) if f.causes}
+    def encode(self, seen: Sequence[Frame | FrameBlock]) -> EncodedFrames:
+        """Columns of what was observed, in its order; it is only read."""
+        gathered = []
+        numbered: dict[int, tuple[int, Ints, Words]] = {}
+        causes: dict[int, list[str]] = {}
+        rows = 0
+        for single, run in groupby(seen, _is_single):
+            if single:
+                frames = cast("list[Frame]", list(run))
+                if any(map(_CAUSES, frames)):
+                    causes |= {rows + row: [str(c) for c in f.causes] for row, f in enumerate(frames) if f.causes}
+                gathered.append(self._singles(frames))
+                rows += len(frames)
+                continue
+            for block in cast("Iterator[FrameBlock]", run):
+                gathered.append(self._block(block, numbered))
+                rows += len(block)
         self._learn()
+        table = _Columns(*map(np.concatenate, zip(*gathered, strict=True)))
 
-        lost = fate != _FATES[Fate.DELIVERED]
-        codes = self._flow_names[flow]
+        lost = table.fate != _FATES[Fate.DELIVERED]
+        codes = self._flow_names[table.flow]
         columns = [pa.DictionaryArray.from_arrays(pa.array(codes[:, place]), self._dictionary) for place in range(5)]
         batch = pa.RecordBatch.from_arrays(
             [
                 columns[0],
                 columns[1],
                 columns[2],
-                pa.array(serial),
+                pa.array(table.serial),
                 columns[3],
                 columns[4],
-                pa.array(sent),
-                pa.array(arrived, mask=lost),
-                pa.DictionaryArray.from_arrays(pa.array(fate), _FATE_NAMES),
-                pa.array(payload_id),
-                pa.array(size),
-                self._parents(origin, parent_serial),
+                pa.array(table.sent),
+                pa.array(table.arrived, mask=lost),
+                pa.DictionaryArray.from_arrays(pa.array(table.fate), _FATE_NAMES),
+                pa.array(table.payload_id),
+                pa.array(table.size),
+                self._parents(table.origin, table.parent_serial),
                 _lists(causes, rows),
             ],
             schema=FRAME_SPOOL,
         )
         words = np.empty((rows, 10), dtype=np.uint64)
-        words[:, 0] = self._flow_hashes[flow]
-        words[:, 1] = serial.view(np.uint64)
-        words[:, 2] = sent.view(np.uint64)
-        words[:, 3] = np.where(lost, _NOWHERE, arrived.view(np.uint64))
-        words[:, 4] = _FATE_HASHES[fate]
-        words[:, 5:7] = hashes
-        words[:, 7] = self._origin_hashes[origin] if len(self._origin_hashes) else 0
-        words[origin < 0, 7] = 0  # no parent; the serial beside it is then -1
-        words[:, 8] = parent_serial.view(np.uint64)
+        words[:, 0] = self._flow_hashes[table.flow]
+        words[:, 1] = table.serial.view(np.uint64)
+        words[:, 2] = table.sent.view(np.uint64)
+        words[:, 3] = np.where(lost, _NOWHERE, table.arrived.view(np.uint64))
+        words[:, 4] = _FATE_HASHES[table.fate]
+        words[:, 5:7] = table.hashes
+        words[:, 7] = self._origin_hashes[table.origin] if len(self._origin_hashes) else 0
+        words[table.origin < 0, 7] = 0  # no parent; the serial beside it is then -1
+        words[:, 8] = table.parent_serial.view(np.uint64)
         words[:, 9] = 0
         for row, ids in causes.items():
             words[row, 9] = hash64("\n".join(ids))
-        return EncodedFrames(batch, self._new_payloads(), words, int(sent.max()))
+        return EncodedFrames(batch, self._payloads.fresh(), words, int(table.sent.max()))
+
+    def _singles(self, frames: Sequence[Frame]) -> _Columns:
+        rows = len(frames)
+        payloads = Payloads.of([f.payload for f in frames])
+        payload_id, hashes = self._payloads.number(payloads)
+        parents = [f.parent for f in frames]
+        origins = self._origins
+        return _Columns(
+            # keys are made and dropped one by one: containers that pile up would set off the garbage collector
+            flow=np.fromiter(map(self._flows.__getitem__, map(_FLOW, frames)), np.int64, rows),
+            serial=np.fromiter([f.serial for f in frames], np.int64, rows),
+            sent=np.fromiter([f.sent_ns for f in frames], np.int64, rows),
+            arrived=np.fromiter([f.arrived_ns for f in frames], np.int64, rows),
+            fate=np.fromiter(map(_FATES.__getitem__, [f.fate for f in frames]), np.int32, rows),
+            size=payloads.sizes.astype(np.int32),
+            payload_id=payload_id,
+            hashes=hashes,
+            origin=np.fromiter([-1 if p is None else origins[p[:3]] for p in parents], np.int64, rows),
+            parent_serial=np.fromiter([-1 if p is None else p[3] for p in parents], np.int64, rows),
+        )
+
+    def _block(self, block: FrameBlock, numbered: dict[int, tuple[int, Ints, Words]]) -> _Columns:
+        """`numbered` keeps what the hops of one block share: window, ids and hashes by the column of payloads."""
+        rows = len(block)
+        payloads = block.payloads
+        known = numbered.get(id(payloads))
+        if known is None or known[0] != self._payloads.start:
+            window = self._payloads.start
+            known = (window, *self._payloads.number(payloads))
+            if self._payloads.start == window:  # else the next hop's rows must find theirs in the new window
+                numbered[id(payloads)] = known
+        _, ids, words = known
+        sizes = payloads.sizes
+        if block.rows is not None:
+            ids, words, sizes = ids[block.rows], words[block.rows], sizes[block.rows]
+        parentless = block.parent_lane is None or block.parent_serial is None
+        return _Columns(
+            flow=self._known(block.lanes, block.lane, 0),
+            serial=block.serial,
+            sent=np.full(rows, block.sent_ns, dtype=np.int64),
+            arrived=np.full(rows, block.arrived_ns, dtype=np.int64),
+            fate=np.full(rows, _FATES[block.fate], dtype=np.int32),
+            size=sizes.astype(np.int32),
+            payload_id=ids,
+            hashes=words,
+            origin=np.full(rows, -1) if block.parent_lane is None else self._known(block.lanes, block.parent_lane, 1),
+            parent_serial=np.full(rows, -1) if parentless else cast("Ints", block.parent_serial),
+        )
+
+    def _known(self, lanes: Lanes, lane: Ints, which: int) -> Ints:
+        """The number of each row's flow (0) or origin (1), those of lanes not met before being entered."""
+        if lanes is not self._lanes:
+            self._lanes = lanes
+            self._lane_flows = np.full((len(lanes.names), 2), -1, dtype=np.int64)
+        numbers = self._lane_flows[lane, which]
+        if numbers.min(initial=0) < 0:
+            for number in np.unique(lane[numbers < 0]).tolist():
+                link, direction, src, dst = lanes.names[number]
+                key = (link, direction, src)
+                self._lane_flows[number, which] = self._origins[key] if which else self._flows[(*key, src, dst)]
+            numbers = self._lane_flows[lane, which]
+        found: Ints = numbers
+        return found
 
     def _learn(self) -> None:
         """Extend the lookup arrays by the flows and parents' origins that the last batch brought."""
@@ -207,12 +244,6 @@ class FrameEncoder:
         prefixes = pa.array(self._prefixes, pa.string()).take(pa.array(origin, mask=origin < 0))
         return pc.binary_join_element_wise(prefixes, pa.array(serial).cast(pa.string()), "")
 
-    def _new_payloads(self) -> pa.RecordBatch:
-        fresh, self._payloads.fresh = self._payloads.fresh, []
-        ids = pa.array(np.concatenate([numbers for numbers, _ in fresh]) if fresh else [], pa.int64())
-        payloads = pa.array([payload for _, payloads in fresh for payload in payloads], pa.binary())
-        return pa.RecordBatch.from_arrays([ids, payloads], schema=PAYLOAD_SPOOL)
-
 
 def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
     """A list column of `rows` rows that is empty but for `items`, given in order of row."""
@@ -221,6 +252,10 @@ def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
         offsets[row + 1] = len(texts)
     flat = [text for texts in items.values() for text in texts]
     return pa.ListArray.from_arrays(pa.array(np.cumsum(offsets, dtype=np.int32)), pa.array(flat, pa.string()))
+
+
+def _is_single(seen: Frame | FrameBlock) -> bool:
+    return isinstance(seen, Frame)
 
 
 def _hashes(keys: Sequence[tuple[str, ...]]) -> NDArray[np.uint64]:

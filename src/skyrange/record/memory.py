@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import World
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Note
@@ -46,6 +47,10 @@ class MemoryObserver:
     def on_frame(self, frame: Frame) -> None:
         """A frame met its fate."""
         self.frames.append(frame)
+
+    def on_block(self, block: FrameBlock) -> None:
+        """Many frames met their fate."""
+        self.frames.extend(block.frames())
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
         """Something was decided or happened."""

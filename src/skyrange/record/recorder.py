@@ -18,6 +18,7 @@ from typing import Any, Self
 
 import pyarrow as pa
 
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import World
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Note
@@ -65,7 +66,7 @@ class _State:
 class Recorder:
     """An `agent.contracts.Observer` that writes the run's folder.
 
-    Frames are kept as objects until the next flush: a frame that was observed does not change any more.
+    Frames are kept as they are until the next flush: one that was observed does not change any more.
     After the disk refused once (`ComponentError`), what is observed is dropped, and `close` leaves the
     record in its spool, where `load` reads it.
     """
@@ -92,7 +93,8 @@ class Recorder:
         self._made = made
         self._refused = False
         self._closed = False
-        self._frames: list[Frame] = []
+        self._frames: list[Frame | FrameBlock] = []
+        self._frame_rows = 0
         self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
         self._labels: list[Label] = []
         self._truth: list[TruthTick] = []
@@ -165,9 +167,19 @@ class Recorder:
     def on_frame(self, frame: Frame) -> None:
         """A frame met its fate."""
         self._frames.append(frame)
+        self._frame_rows += 1
         if monotonic() >= self._due_s:
             self.flush()
-        elif len(self._frames) >= _BATCH_ROWS:
+        elif self._frame_rows >= _BATCH_ROWS:
+            self._hand_over_frames()
+
+    def on_block(self, block: FrameBlock) -> None:
+        """Many frames met their fate."""
+        self._frames.append(block)
+        self._frame_rows += len(block)
+        if monotonic() >= self._due_s:
+            self.flush()
+        elif self._frame_rows >= _BATCH_ROWS:
             self._hand_over_frames()
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
@@ -220,6 +232,7 @@ class Recorder:
     def _hand_over_frames(self) -> None:
         frames = self._frames
         self._frames = []
+        self._frame_rows = 0
         if not frames or self._refused:
             return
         encoded = self._state.encoder.encode(frames)
@@ -252,6 +265,7 @@ class Recorder:
 
     def _clear(self) -> None:
         self._frames.clear()
+        self._frame_rows = 0
         for rows in self._notes.values():
             rows.clear()
         self._labels.clear()

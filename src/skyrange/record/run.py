@@ -18,8 +18,8 @@ from skyrange.record.manifest import RUNNING, read_manifest
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
 from skyrange.record.schema import TABLES
 from skyrange.record.spool import SPOOL
-from skyrange.record.stations import telemetry
 from skyrange.record.tables import Tables
+from skyrange.record.telemetry import telemetry
 
 
 class RecordedFrame(NamedTuple):

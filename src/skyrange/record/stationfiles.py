@@ -1,96 +1,147 @@
-"""What files does an operator take home? One CSV of all data received, one tlog of both directions.
+"""What files does an operator take home? One CSV of all data received, one tlog per MAVLink network of both directions.
 
 The CSV has a row per message and the union of the fields of all its messages as columns, empty where a
 message has no such field; `fields.csv` beside it gives every field's unit. A tlog is what QGroundControl,
 Mission Planner and MAVProxy write: before each frame, 8 bytes, big endian, microseconds of UTC (QGroundControl
-developer guide, "MAVLink log format").
+developer guide, "MAVLink log format"). Its readers tell aircraft apart by system id alone, so each of an operator's
+networks has a file of its own: `blue.tlog`, `blue.net1.tlog`, …
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+from pyarrow import csv
+
+from skyrange.agent.payloads import Bytes, Ints
+from skyrange.core.compiled import kernel
 from skyrange.core.ids import ID_PATTERN, operator_of
 from skyrange.core.time import Epoch
-from skyrange.record.schema import BAD_DATA
 from skyrange.record.stations import Seen, Survey
+from skyrange.record.telemetry import Received
 
-_STAMP = struct.Struct(">Q")
 _FIXED = ("time_s", "utc", "vehicle", "system_id", "component_id", "message")
+_STAMP_BYTES = 8
 
 
-class _Row:
-    """How one message's fields become one line: a template and the fields in the columns' order."""
-
-    __slots__ = ("fields", "template", "texts")
-
-    def __init__(self, message: str, own: Sequence[tuple[str, bool]], columns: Sequence[str]) -> None:
-        names = {name for name, _ in own}
-        self.fields = [column for column in columns if column in names]
-        self.texts = [name for name, text in own if text]
-        cells = "".join(",%s" if column in names else "," for column in columns)
-        self.template = f"%.6f,%s,%s,%s,%s,{message}{cells}\r\n"
+@kernel
+def _interleave(stamps: NDArray[np.uint64], data: Bytes, starts: Ints, sizes: Ints, out: Bytes) -> None:
+    """Each payload with its time before it, most significant byte first."""
+    at = 0
+    for row in range(starts.shape[0]):
+        for byte in range(8):
+            out[at + byte] = (stamps[row] >> np.uint64(56 - 8 * byte)) & np.uint64(255)
+        at += 8
+        for place in range(sizes[row]):
+            out[at + place] = data[starts[row] + place]
+        at += sizes[row]
 
 
 class StationFiles:
-    """The CSV and tlog of every operator, open for writing; a context manager."""
+    """The CSV and tlogs of every operator, open for writing; a context manager."""
 
-    def __init__(self, folder: Path, operators: Sequence[str], found: Survey, epoch: Epoch) -> None:
-        """Files are `folder/<operator>.csv`, `.tlog` and `folder/fields.csv`; `OSError` where they cannot be made."""
+    def __init__(
+        self, folder: Path, operators: Sequence[str], found: Survey, epoch: Epoch, networks: Mapping[str, int]
+    ) -> None:
+        """Files go into `folder`; `networks` tells in which MAVLink network of its operator each vehicle is.
+
+        `OSError` where a file cannot be made.
+        """
+        self._folder = folder
         self._epoch = epoch
+        self._networks = networks
         self._open_files = ExitStack()
-        self._csv: dict[str, IO[str]] = {}
-        self._tlog: dict[str, IO[bytes]] = {}
-        self._rows: dict[str, dict[str, _Row]] = {}
+        self._csv: dict[str, IO[bytes]] = {}
+        self._cells: dict[str, dict[str, str]] = {}
+        self._tlog: dict[tuple[str, int], IO[bytes]] = {}
         for operator in dict.fromkeys([*operators, *found.operators]):
             if ID_PATTERN.match(operator):
-                self._open(folder, operator, found)
+                self._open(operator, found.cells(operator))
+        for vehicle, network in networks.items():
+            if operator_of(vehicle) in self._csv:
+                self._open_tlog(operator_of(vehicle), network)
         with (folder / "fields.csv").open("w", encoding="utf-8", newline="") as file:
-            file.write("message,field,unit\r\n")
-            for (message, name), unit in sorted(found.units.items()):
-                file.write(f"{message},{name},{_quoted(unit)}\r\n")
+            file.write("message,field,unit\n")
+            for (message, name), unit in sorted(found.units().items()):
+                file.write(f"{message},{name},{unit}\n")
 
-    def _open(self, folder: Path, operator: str, found: Survey) -> None:
-        columns = [name for name, _ in found.fields([operator])]
-        messages = {**found.operators.get(operator, {}), BAD_DATA: []}
-        self._rows[operator] = {name: _Row(name, own, columns) for name, own in messages.items()}
-        path = folder / f"{operator}.csv"
-        self._csv[operator] = self._open_files.enter_context(path.open("w", encoding="utf-8", newline=""))
-        self._csv[operator].write(",".join((*_FIXED, *columns)) + "\r\n")
-        self._tlog[operator] = self._open_files.enter_context(path.with_suffix(".tlog").open("wb"))
+    def _open(self, operator: str, cells: dict[str, str]) -> None:
+        self._cells[operator] = cells
+        self._csv[operator] = self._open_files.enter_context((self._folder / f"{operator}.csv").open("wb"))
+        self._csv[operator].write((",".join((*_FIXED, *cells)) + "\n").encode())
+        self._open_tlog(operator, 0)
 
-    def received(self, item: Seen, fields: Mapping[str, int | float | str]) -> None:
-        """One line of CSV."""
-        operator = operator_of(item.vehicle)
-        if operator not in self._csv:
-            return
-        message = item.message
-        row = self._rows[operator][BAD_DATA if message is None else message.get_type()]
-        values = [fields[name] for name in row.fields]
-        if row.texts:
-            values = [_quoted(value) if isinstance(value, str) else value for value in values]
-        system, component = ("", "") if message is None else (message.get_srcSystem(), message.get_srcComponent())
-        stamp = (item.time_ns * 1e-9, self._epoch.iso(item.time_ns), item.vehicle, system, component)
-        self._csv[operator].write(row.template % (*stamp, *values))
+    def _open_tlog(self, operator: str, network: int) -> None:
+        if (operator, network) not in self._tlog:
+            name = f"{operator}.net{network}.tlog" if network else f"{operator}.tlog"
+            self._tlog[operator, network] = self._open_files.enter_context((self._folder / name).open("wb"))
 
-    def heard(self, item: Seen) -> None:
-        """One frame of tlog, sent or received; bytes that are no frame are left out, as its readers would stumble."""
-        file = self._tlog.get(operator_of(item.vehicle))
-        if file is not None and item.message is not None:
-            file.write(_STAMP.pack(self._epoch.utc_us(item.time_ns)) + item.payload)
+    def received(self, block: Received) -> None:
+        """Lines of CSV."""
+        names, number = block.block.operators()
+        number = number[block.rows]
+        for place, operator in enumerate(names):
+            chosen = np.flatnonzero(number == place)
+            if operator in self._csv and len(chosen):
+                self._write_csv(operator, block, chosen)
+
+    def _write_csv(self, operator: str, block: Received, chosen: Ints) -> None:
+        time_ns = block.block.time_ns[block.rows[chosen]]
+        bad = block.message[chosen] == 0
+        taken = pa.array(chosen)
+        columns: list[pa.Array] = [
+            pa.array(np.round(time_ns * 1e-9, 6)),
+            pa.array(self._utc(time_ns), pa.string()),
+            block.vehicles().take(taken),
+            pa.array(block.system[chosen], mask=bad),
+            pa.array(block.component[chosen], mask=bad),
+            block.names().take(taken),
+        ]
+        plain = True
+        for name, kind in self._cells[operator].items():
+            if name not in block.values:
+                columns.append(pa.nulls(len(chosen), pa.int64()))
+                continue
+            values, absent = block.values[name]
+            if kind == "text":
+                column = pa.array(values[chosen].tolist(), pa.string())
+                plain = plain and not pc.any(pc.match_substring_regex(column, '[,"\r\n]')).as_py()
+            elif kind == "int":
+                column = pa.array(values[chosen].astype(np.int64), mask=absent[chosen])
+            else:
+                column = pa.array(values[chosen], mask=absent[chosen])
+            columns.append(column)
+        # RFC 4180 section 2: quoted where a cell holds a comma, a quote or a line's end
+        style = "none" if plain else "needed"
+        table = pa.Table.from_arrays(columns, names=[str(number) for number in range(len(columns))])
+        csv.write_csv(table, self._csv[operator], csv.WriteOptions(include_header=False, quoting_style=style))
+
+    def _utc(self, time_ns: Ints) -> list[str]:
+        """ISO 8601 with milliseconds and Z."""
+        millis = (time_ns // 1_000 + self._epoch.utc_us(0)) // 1_000
+        return [f"{text}Z" for text in np.datetime_as_string(millis.astype("datetime64[ms]")).tolist()]
+
+    def heard(self, block: Seen) -> None:
+        """Frames of tlog, sent or received; bytes that are no frame are left out, as its readers would stumble."""
+        owner = [(operator_of(vehicle), self._networks.get(vehicle, 0)) for vehicle in block.owners]
+        for key in set(owner) & set(self._tlog):
+            mine = np.array([one == key for one in owner])[block.owner] & (block.kinds >= 0)
+            frames = block.payloads.take(np.flatnonzero(mine))
+            stamps = (block.time_ns[mine] // 1_000 + self._epoch.utc_us(0)).astype(np.uint64)
+            out = np.empty(int(frames.sizes.sum()) + _STAMP_BYTES * len(frames), dtype=np.uint8)
+            _interleave(stamps, frames.data, frames.starts, frames.sizes, out)
+            self._tlog[key].write(out.tobytes())
 
     def __enter__(self) -> StationFiles:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._open_files.close()
-
-
-def _quoted(text: str) -> str:
-    """A cell by RFC 4180, section 2: quoted where it holds a comma, a quote or a line's end."""
-    return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\r\n') else text

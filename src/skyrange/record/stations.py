@@ -1,4 +1,4 @@
-"""What did each ground station receive and send? Telemetry, CSV and tlog, derived from the frames on `gcs` links.
+"""What did each ground station receive and send? Columns of it, derived from the frames on `gcs` links.
 
 A `gcs` link's first end is the ground station: frames delivered in direction `rev` are what it received,
 frames that `<operator>.gcs` itself sent in direction `fwd` are what it sent, whatever became of them.
@@ -6,70 +6,68 @@ frames that `<operator>.gcs` itself sent in direction `fwd` are what it sent, wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from skyrange.agent.frames import Fate
-from skyrange.codec.mavlink import Message, decode, describe, message_id
+from skyrange.agent.payloads import Ints, Payloads
+from skyrange.codec.columns import Cell, Group, cells_of, dtype_of, group, id_of_kind, kind_of, sort
+from skyrange.codec.mavlink import body_of, decode
+from skyrange.codec.wire import LAYOUTS
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import endpoint, operator_of
 from skyrange.record.order import in_order
-from skyrange.record.schema import BAD_DATA, arrow_schema, telemetry_columns
 from skyrange.record.tables import Tables
 
 _COLUMNS = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns", "fate")
 _KIND = "gcs:"
 
-BLOCK_ROWS = 8_192
-"""Decoded messages held at once, about 1.3 kB each."""
-
-
-class Seen(NamedTuple):
-    """One frame at a ground station; `message` is `None` where its bytes are no MAVLink frame."""
-
-    time_ns: int
-    vehicle: str
-    received: bool
-    payload: bytes
-    message: Message | None
+BLOCK_ROWS = 16_384
+"""Frames handled at once."""
 
 
 @dataclass(slots=True)
-class Survey:
-    """Which messages each operator's ground station received: operator → message name → its fields.
+class Seen:
+    """Frames at ground stations, a row each, in order of time."""
 
-    Fields are (name, is text) in the message's order; `units` has the dialect's unit by (message, field).
-    """
+    time_ns: Ints
+    owners: list[str]
+    """Vehicles; `owner` numbers them."""
+    owner: Ints
+    received: NDArray[np.bool_]
+    payloads: Payloads
+    kinds: Ints
+    """The message of each (`codec.columns.sort`), -1 where it is none."""
+    singles: dict[int, tuple[int, int, int, bytes]] = field(default_factory=dict)
+    """Rows that only `decode` can read (MAVLink 1, signed): sequence, system, component, whole payload."""
 
-    operators: dict[str, dict[str, list[tuple[str, bool]]]] = field(default_factory=dict)
-    units: dict[tuple[str, str], str] = field(default_factory=dict)
+    def __len__(self) -> int:
+        return len(self.time_ns)
 
-    def fields(self, operators: Sequence[str] | None = None) -> list[tuple[str, bool]]:
-        """The union of fields as (name, is text), by name of message, then as each message lists them.
+    def operators(self) -> tuple[list[str], Ints]:
+        """The operators, and the number of each row's."""
+        names = sorted({operator_of(owner) for owner in self.owners})
+        number = np.array([names.index(operator_of(owner)) for owner in self.owners], dtype=np.int64)
+        return names, number[self.owner]
 
-        A field that is text in one message and a number in another is text.
-        """
-        union: dict[str, bool] = {}
-        messages: dict[str, list[tuple[str, bool]]] = {}
-        for operator in sorted(self.operators) if operators is None else operators:
-            messages |= self.operators.get(operator, {})
-        for name in sorted(messages):
-            for column, text in messages[name]:
-                union[column] = union.get(column, False) or text
-        return list(union.items())
-
-
-def decoded(payload: bytes) -> Message | None:
-    """The message, or `None` for bytes that are none."""
-    try:
-        return decode(payload)
-    except DecodeError:
-        return None
+    def groups(self, chosen: NDArray[np.bool_]) -> Iterator[Group]:
+        """The messages of some rows, by id."""
+        for kind in np.unique(self.kinds[chosen]).tolist():
+            if kind < 0:
+                continue
+            rows = np.flatnonzero((self.kinds == kind) & chosen)
+            odd = [place for place, row in enumerate(rows.tolist()) if row in self.singles] if self.singles else []
+            found = group(self.payloads, kind, rows)
+            for place in odd:
+                sequence, system, component, body = self.singles[int(rows[place])]
+                found.sequences[place], found.systems[place], found.components[place] = sequence, system, component
+                found.values[place] = np.frombuffer(body, dtype=dtype_of(found.message_id))[0]
+            yield found
 
 
 def _station_frames(tables: Tables) -> Iterator[pa.Table]:
@@ -98,99 +96,109 @@ def _station_frames(tables: Tables) -> Iterator[pa.Table]:
         yield rows.filter(pc.or_(received, sent))
 
 
-def survey(tables: Tables) -> Survey:
-    """One reading of all frames: which messages there are, by an example of each that decodes."""
-    found = Survey()
-    known: set[tuple[str, int | None]] = set()
-    for batch in _station_frames(tables):
-        rows = batch.filter(batch.column("received"))
-        pairs = zip(rows.column("vehicle").to_pylist(), rows.column("payload").to_pylist(), strict=True)
-        for vehicle, payload in pairs:
-            mark = (operator_of(vehicle), message_id(payload))
-            if mark in known or mark[1] is None:
-                continue
-            message = decoded(payload)
-            if message is not None:
-                known.add(mark)
-                _learn(found, mark[0], message)
+def _seen(rows: pa.Table) -> Seen:
+    vehicles = rows.column("vehicle").combine_chunks().dictionary_encode()
+    if isinstance(vehicles, pa.ChunkedArray):
+        vehicles = vehicles.combine_chunks()
+    payloads = _payloads(rows.column("payload"))
+    found = Seen(
+        rows.column("time_ns").to_numpy(),
+        vehicles.dictionary.to_pylist(),
+        vehicles.indices.to_numpy(zero_copy_only=False).astype(np.int64),
+        rows.column("received").to_numpy(),
+        payloads,
+        sort(payloads),
+    )
+    for row in np.flatnonzero(found.kinds < 0).tolist():
+        try:
+            message = decode(payloads[row])
+        except DecodeError:
+            continue
+        found.kinds[row] = kind_of(message.get_msgId())
+        head = (message.get_seq(), message.get_srcSystem(), message.get_srcComponent())
+        found.singles[row] = (*head, body_of(message))
     return found
 
 
-def _learn(found: Survey, operator: str, message: Message) -> None:
-    messages = found.operators.setdefault(operator, {})
-    name = message.get_type()
-    if name not in messages:
-        messages[name] = [(column, isinstance(value, str)) for column, value in describe(message).items()]
-        units = type(message).fieldunits_by_name
-        for column, _ in messages[name]:
-            found.units[name, column] = units.get(column.split("[")[0], "")
+def _payloads(column: pa.ChunkedArray) -> Payloads:
+    """A binary column without nulls, where it lies."""
+    if not len(column):
+        return Payloads.of([])
+    whole = column.chunk(0) if column.num_chunks == 1 else pa.concat_arrays(column.chunks)
+    _, offsets, data = whole.buffers()
+    ends = np.frombuffer(offsets, dtype=np.int32)[whole.offset : whole.offset + len(whole) + 1].astype(np.int64)
+    held = np.frombuffer(data, dtype=np.uint8) if data is not None and data.size else np.zeros(0, dtype=np.uint8)
+    return Payloads(held, ends[:-1], np.diff(ends))
 
 
-def seen(tables: Tables) -> Iterator[list[Seen]]:
+@dataclass(slots=True)
+class Survey:
+    """Which messages each operator's ground station received: operator → message ids."""
+
+    operators: dict[str, set[int]] = field(default_factory=dict)
+
+    def cells(self, operator: str | None = None) -> dict[str, str]:
+        """Column → "int", "float" or "text", by name of message, then as each message lists them.
+
+        A column that is text in one message and a number in another is text; one that is a float in any is a float.
+        """
+        ids = self.operators.get(operator, set()) if operator is not None else set().union(*self.operators.values())
+        union: dict[str, str] = {}
+        for message_id in sorted(ids, key=name_of):
+            for cell in cells_of(message_id):
+                union[cell.name] = max(union.get(cell.name, "int"), cell.kind, key=_RANK.__getitem__)
+        return union
+
+    def units(self) -> dict[tuple[str, str], str]:
+        """The dialect's unit by (message, column)."""
+        return {
+            (name_of(message_id), cell.name): LAYOUTS[message_id].cls.fieldunits_by_name.get(cell.field, "")
+            for message_id in set().union(*self.operators.values())
+            for cell in cells_of(message_id)
+        }
+
+
+_RANK = {"int": 0, "float": 1, "text": 2}
+
+
+def name_of(message_id: int) -> str:
+    """A message's name."""
+    return str(LAYOUTS[message_id].cls.msgname)
+
+
+def survey(tables: Tables) -> Survey:
+    """One reading of all frames: which messages there are."""
+    found = Survey()
+    for batch in _station_frames(tables):
+        block = _seen(batch.filter(batch.column("received")))
+        names, number = block.operators()
+        for operator, name in enumerate(names):
+            kinds = np.unique(block.kinds[(number == operator) & (block.kinds >= 0)])
+            if len(kinds):
+                found.operators.setdefault(name, set()).update(id_of_kind(kind) for kind in kinds.tolist())
+    return found
+
+
+def seen(tables: Tables) -> Iterator[Seen]:
     """Blocks of what the ground stations received and sent, in order of time, then of link, direction and frame."""
     for ordered in in_order(lambda: _station_frames(tables), "time_ns", ("link", "direction", "sender", "serial")):
         for start in range(0, ordered.num_rows, BLOCK_ROWS):
-            block = ordered.slice(start, BLOCK_ROWS)
-            columns = [block.column(name).to_pylist() for name in ("time_ns", "vehicle", "received", "payload")]
-            yield [Seen(at, who, got, data, decoded(data)) for at, who, got, data in zip(*columns, strict=True)]
+            yield _seen(ordered.slice(start, BLOCK_ROWS))
 
 
-class TelemetryBuilder:
-    """Makes `telemetry` rows of what was received, under the columns that a survey found."""
-
-    def __init__(self, found: Survey) -> None:
-        """The schema holds the fields of all operators."""
-        fields = found.fields()
-        columns = telemetry_columns(fields)
-        self.schema = arrow_schema("telemetry", columns)
-        fixed = len(columns) - len(fields)
-        self._fields = [(name, text, columns[fixed + place].name) for place, (name, text) in enumerate(fields)]
-
-    def batch(self, received: Sequence[tuple[Seen, dict[str, int | float | str]]]) -> pa.RecordBatch:
-        """Rows of one block; each comes with its described fields, empty for bytes that are no message."""
-        rows = len(received)
-        filled: dict[str, tuple[list[int], list[int | float | str]]] = {}
-        for row, (_, values) in enumerate(received):
-            for name, value in values.items():
-                places, cells = filled.setdefault(name, ([], []))
-                places.append(row)
-                cells.append(value)
-        messages = [item.message for item, _ in received]
-        arrays: dict[str, pa.Array] = {
-            "time_ns": pa.array([item.time_ns for item, _ in received], pa.int64()),
-            "operator": pa.array([operator_of(item.vehicle) for item, _ in received], pa.string()),
-            "vehicle": pa.array([item.vehicle for item, _ in received], pa.string()),
-            "system_id": pa.array([None if m is None else m.get_srcSystem() for m in messages], pa.int32()),
-            "component_id": pa.array([None if m is None else m.get_srcComponent() for m in messages], pa.int32()),
-            "message": pa.array([BAD_DATA if m is None else m.get_type() for m in messages], pa.string()),
-        }
-        for name, text, column in self._fields:
-            places, cells = filled.get(name, ([], []))
-            arrays[column] = _texts(rows, places, cells) if text else _numbers(rows, places, cells)
-        return pa.RecordBatch.from_arrays([arrays[name] for name in self.schema.names], schema=self.schema)
+def text_of(raw: bytes) -> str:
+    """A text field as pymavlink reads it: up to the first zero byte, what is no ASCII replaced."""
+    return raw.split(b"\0", 1)[0].decode("ascii", "replace")
 
 
-def _numbers(rows: int, places: list[int], cells: list[int | float | str]) -> pa.Array:
-    values = np.zeros(rows)
-    absent = np.ones(rows, dtype=bool)
-    values[places] = cells
-    absent[places] = False
-    return pa.array(values, mask=absent)
+def numbers(found: Group, cell: Cell) -> NDArray[np.float64]:
+    """One numeric column of a group."""
+    column = found.values[cell.field]
+    picked: NDArray[np.float64] = (column if cell.element is None else column[:, cell.element]).astype(np.float64)
+    return picked
 
 
-def _texts(rows: int, places: list[int], cells: list[int | float | str]) -> pa.Array:
-    values: list[str | None] = [None] * rows
-    for place, cell in zip(places, cells, strict=True):
-        values[place] = str(cell)
-    return pa.array(values, pa.string())
-
-
-def described(block: Sequence[Seen]) -> list[tuple[Seen, dict[str, int | float | str]]]:
-    """The received frames of a block with their fields."""
-    return [(item, describe(item.message) if item.message is not None else {}) for item in block if item.received]
-
-
-def telemetry(tables: Tables) -> pa.Table:
-    """The whole `telemetry` table, derived now: for a run that never came to its end."""
-    builder = TelemetryBuilder(survey(tables))
-    return pa.Table.from_batches((builder.batch(described(block)) for block in seen(tables)), schema=builder.schema)
+def texts(found: Group, cell: Cell) -> list[str]:
+    """One column of a group as text."""
+    column = found.values[cell.field] if cell.element is None else found.values[cell.field][:, cell.element]
+    return [text_of(value) if isinstance(value, bytes) else str(value) for value in column.tolist()]

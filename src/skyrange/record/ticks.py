@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Sensors
 from skyrange.core.ids import hash64
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Words
 from skyrange.record.schema import TABLES
 
@@ -30,7 +30,7 @@ class TruthTick(NamedTuple):
 
 
 class SensorTick(NamedTuple):
-    """The sensors at one tick: `values` is (n, 18) in the order of the table's columns."""
+    """The sensors at one tick: `values` is (n, 29) in the order of the table's columns."""
 
     time_ns: Time
     vehicles: tuple[str, ...]
@@ -38,7 +38,7 @@ class SensorTick(NamedTuple):
 
 
 def sensor_values(sensors: Sensors) -> NDArray[np.float32]:
-    """A copy of one tick's sensors as (n, 18), in the order of the `sensors` table."""
+    """A copy of one tick's sensors as (n, 29), in the order of the `sensors` table."""
     return np.column_stack(
         [
             sensors.gyro_radps,
@@ -48,6 +48,13 @@ def sensor_values(sensors: Sensors) -> NDArray[np.float32]:
             sensors.gnss_vel_enu_mps,
             sensors.baro_up_m,
             sensors.rangefinder_m,
+            sensors.compass_gauss,
+            sensors.gnss_accuracy,
+            sensors.gnss_fix,
+            sensors.gnss_satellites,
+            sensors.gnss_time_ns / NS_PER_S,
+            sensors.battery_v,
+            sensors.battery_a,
         ]
     ).astype(np.float32)
 

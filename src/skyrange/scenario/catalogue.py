@@ -14,6 +14,10 @@ FOLDER = Path(__file__).parent / "shipped"
 SHIPPED: dict[str, str] = {
     "squares": "Five aircraft of two operators fly small squares: the published demonstration.",
     "survey": "Eight aircraft of two operators fly QGroundControl plans among the buildings of a downtown.",
+    "city-fleet": "48 aircraft of four operators deliver over a dense downtown, one after another; 500 with --set.",
+    "crossing": "Eight aircraft of four operators cross at a street corner, kept apart by height and by time.",
+    "head-on": "Two aircraft of two operators fly the same line towards each other, and collide.",
+    "wind": "Six aircraft of three airframes hold their tracks in a gusty wind.",
 }
 """One-line descriptions by name; each is `shipped/NAME.toml`."""
 

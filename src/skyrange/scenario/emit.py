@@ -22,6 +22,9 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
     """
     data = scenario.data()
     for operator in data["operators"]:
+        for key in ("params", "fleets"):
+            if not operator[key]:  # of a scenario that is built they are in the vehicles
+                del operator[key]
         for vehicle in operator["vehicles"]:
             _rename(vehicle["plan"], "file", files or {})
             if not vehicle["params"]:

@@ -137,10 +137,16 @@ def _fault(detail: ErrorDetails, model: type[Model], data: Any) -> Fault:
         options = [word.strip(" '") for word in ctx["expected"].replace(" or ", ", ").split(",")]
         return Fault(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))
     if kind == "string_pattern_mismatch":
-        expected = "letters, digits, '-' or '_', at most 32" if loc[-1] == "id" else f"text like {ctx['pattern']}"
+        expected = _id_of(ctx["pattern"]) if loc[-1] == "id" else f"text like {ctx['pattern']}"
     else:
         expected = _EXPECTED.get(kind) or _bound(kind, ctx) or detail["msg"].removeprefix("Input should be ").lower()
     return Fault(where, _shown(value), f"{expected}{about}", hint)
+
+
+def _id_of(pattern: str) -> str:
+    """An id's pattern in words; it ends in how many characters may follow the first."""
+    most = int(pattern.rsplit(",", 1)[1].rstrip("}$")) + 1
+    return f"letters, digits, '-' or '_', at most {most}"
 
 
 def _bound(kind: str, ctx: Mapping[str, Any]) -> str:

@@ -1,28 +1,31 @@
-"""Who flies what, from where? Vehicles and the operators that own them, and the ids they get unless named."""
+"""Who flies what, from where? A vehicle, and a fleet of many that differ only in place and time."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, kinds
-from skyrange.core.errors import nearest
-from skyrange.scenario.base import Id, Model, Number, Whole, items, wrong
+from skyrange.agent.plugins import AUTOPILOTS, kinds
+from skyrange.core.errors import Fault, nearest
+from skyrange.scenario.base import Id, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.plan import Plan
 from skyrange.world.airframes import AIRFRAMES
 
-MAX_VEHICLES = 250
-"""Aircraft of one operator: MAVLink's 8-bit system id, less 0 (broadcast) and 251…255 for ground stations."""
+MAX_SYSTEM_ID = 250
+"""Aircraft of one MAVLink network: its 8-bit system id, less 0 (broadcast) and 251…255 for ground stations."""
+MAX_NETWORK = 255
+"""Networks of one operator, less one; 64,000 aircraft are enough."""
+REACH_M = 100_000
+"""How far from the origin an aircraft may start."""
+LATEST_S = 86_400
+"""How late an aircraft may depart."""
 
-COLORS = (
-    "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
-)  # fmt: skip
-"""Colours by name; the first ones go, in this order, to operators that choose none."""
 
+def known(group: str, what: str) -> AfterValidator:
+    """A check that a kind is one of a plugin group's; `what` names it in the fault."""
 
-def _known(group: str, what: str) -> AfterValidator:
     def check(kind: str) -> str:
         offered = kinds(group)
         if kind not in offered:
@@ -38,16 +41,6 @@ def _known_airframe(name: str) -> str:
     return name
 
 
-def _known_color(color: str) -> str:
-    if color not in COLORS and not (len(color) == 7 and color[0] == "#" and _is_hex(color[1:])):
-        raise wrong(color, "a colour's name or '#rrggbb'", nearest(color, COLORS))
-    return color
-
-
-def _is_hex(text: str) -> bool:
-    return all(char in "0123456789abcdefABCDEF" for char in text)
-
-
 def _start(value: Any) -> Any:
     """(east, north) or (east, north, heading) as a Start's keys."""
     value = items(value)
@@ -59,11 +52,45 @@ def _start(value: Any) -> Any:
 class Start(Model):
     """Where an aircraft stands on the ground at first, from the origin."""
 
-    east_m: Number = Field(default=0.0, ge=-100_000, le=100_000, description="Metres east of the origin.")
-    north_m: Number = Field(default=0.0, ge=-100_000, le=100_000, description="Metres north of the origin.")
+    east_m: Number = Field(default=0.0, ge=-REACH_M, le=REACH_M, description="Metres east of the origin.")
+    north_m: Number = Field(default=0.0, ge=-REACH_M, le=REACH_M, description="Metres north of the origin.")
     heading_deg: Number = Field(
         default=0.0, ge=-180, le=360, description="Where the nose points: degrees clockwise from true north."
     )
+
+
+Autopilot = Annotated[
+    str,
+    known(AUTOPILOTS, "an autopilot"),
+    Field(description="Kind of autopilot, a plugin of skyrange.autopilots."),
+]
+AirframeName = Annotated[
+    str, AfterValidator(_known_airframe), Field(description="Name of a row of the airframe table.")
+]
+Placing = Annotated[
+    Literal["exact", "clear"],
+    Field(
+        description="exact: start as given; clear: shift start and plan together to the nearest place where neither "
+        "meets a building or comes near another aircraft's path."
+    ),
+]
+Params = dict[Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")], Number]
+Departs = Annotated[
+    Number, Field(ge=0, le=LATEST_S, description="Not to take off before this simulated time, in seconds.")
+]
+Charge = Annotated[Number, Field(ge=0, le=1, description="How full its battery is at first, from 0 to 1.")]
+AnyStart = Annotated[Start, BeforeValidator(_start, json_schema_input_type=Start | list[float])]
+
+
+def refuse_anchored(part: Any) -> None:
+    """Raise if a mission that stays where it was drawn shall be shifted."""
+    if part.placing == "clear" and part.plan.anchor == "file":
+        raise wrong(
+            "clear",
+            "exact, because the mission file is anchored where it was drawn",
+            'Set plan.anchor = "start" to let it be shifted.',
+            where="placing",
+        )
 
 
 class Vehicle(Model):
@@ -74,119 +101,107 @@ class Vehicle(Model):
         description="Name, unique within the operator; default: the operator's initial and a number, such as b1.",
         json_schema_extra={"default": None},
     )
-    autopilot: Annotated[str, _known(AUTOPILOTS, "an autopilot")] = Field(
-        default="builtin", description="Kind of autopilot, a plugin of skyrange.autopilots."
-    )
-    airframe: Annotated[str, AfterValidator(_known_airframe)] = Field(
-        default="iris", description="Name of a row of the airframe table."
-    )
-    start: Annotated[Start, BeforeValidator(_start, json_schema_input_type=Start | list[float])] = Field(
+    autopilot: Autopilot = "builtin"
+    airframe: AirframeName = "iris"
+    start: AnyStart = Field(
         default_factory=Start, description="Where it stands at first; in short [east_m, north_m] or with heading_deg."
     )
-    placing: Literal["exact", "clear"] = Field(
-        default="exact",
-        description="exact: start as given; clear: shift start and plan together to the nearest place where neither "
-        "meets a building.",
-    )
+    placing: Placing = "exact"
     plan: Plan = Field(description="What it flies.")
-    params: dict[Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")], Number] = Field(
-        default_factory=dict, description="Autopilot parameters to set, by ArduPilot's names and in its units."
+    params: Params = Field(
+        default_factory=dict,
+        description="Autopilot parameters to set, by ArduPilot's names and in its units; over the operator's.",
     )
-    depart_s: Number = Field(
-        default=0.0, ge=0, le=86_400, description="Not to take off before this simulated time, in seconds."
+    depart_s: Departs = 0.0
+    charge: Charge = 1.0
+    network: Whole = Field(
+        default=-1,
+        ge=0,
+        le=MAX_NETWORK,
+        description="The operator's MAVLink network that it is in; default: the first with a system id left.",
+        json_schema_extra={"default": None},
     )
     system_id: Whole = Field(
         default=0,
         ge=1,
-        le=MAX_VEHICLES,
-        description="MAVLink system id, unique within the operator; default: the lowest free one, in order.",
+        le=MAX_SYSTEM_ID,
+        description="MAVLink system id, unique within the network; default: the lowest free one, in order.",
         json_schema_extra={"default": None},
     )
 
 
-class Operator(Model):
-    """Who owns a fleet and flies it from one ground station."""
+class Fleet(Model):
+    """Many aircraft that fly one plan, each from a place of its own; once built they are vehicles."""
 
-    id: Id = Field(
+    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,25}$")] = Field(
         default="",
-        description="Name, unique in the scenario; default: its colour's name, else op1, op2…",
+        description="What their ids begin with, a number follows; default: the operator's initial.",
         json_schema_extra={"default": None},
     )
-    color: Annotated[str, AfterValidator(_known_color)] = Field(
-        default="",
-        description="Colour in figures: a name or '#rrggbb'; default: its id if that names one, else the next free.",
-        json_schema_extra={"default": None},
+    count: Whole = Field(ge=1, le=10_000, description="How many aircraft.")
+    autopilot: Autopilot = "builtin"
+    airframe: AirframeName = "iris"
+    start: AnyStart = Field(
+        default_factory=Start,
+        description="Where the first stands; the others stand around it, nearest first, so that a greater count adds "
+        "some and moves none.",
     )
-    approval: Annotated[str, _known(APPROVALS, "an approval service")] = Field(
-        default="approve-all", description="Who approves its flight plans, a plugin of skyrange.approvals."
+    spacing_m: tuple[Annotated[Number, Field(gt=0, le=10_000)], Annotated[Number, Field(gt=0, le=10_000)]] = Field(
+        default=(20.0, 20.0), description="Metres between neighbours, [east-west, north-south]."
     )
-    vehicles: tuple[Vehicle, ...] = Field(description="Its aircraft, one or more.")
-
-
-def operator_names(given: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """(id, colour) of every operator, with "" replaced by a name or colour that nobody took."""
-    given = list(given)
-    ids = {name for name, _ in given}
-    colors = {color for _, color in given} | {name for name, _ in given if name in COLORS}
-    named = []
-    for number, (name, color) in enumerate(given, start=1):
-        if not name:
-            name = color if color in COLORS and color not in ids else _free("op", number, ids)
-            ids.add(name)
-        if not color:
-            free = [one for one in COLORS if one not in colors]
-            color = name if name in COLORS else (free or COLORS)[0]
-            colors.add(color)
-        named.append((name, color))
-    return named
-
-
-def vehicle_names(operator: str, given: Sequence[str]) -> list[str]:
-    """The ids of an operator's vehicles, with "" replaced by its initial and a number that nobody took."""
-    taken = set(given)
-    named = []
-    for number, name in enumerate(given, start=1):
-        if not name:
-            name = _free(operator[0].lower(), number, taken)
-            taken.add(name)
-        named.append(name)
-    return named
-
-
-def system_ids(given: Sequence[int]) -> list[int]:
-    """System ids with every 0 replaced by the lowest that is free, in order."""
-    taken = set(given)
-    numbered, candidate = [], 1
-    for number in given:
-        if not number:
-            while candidate in taken:
-                candidate += 1
-            taken.add(candidate)
-            number = candidate
-        numbered.append(number)
-    return numbered
-
-
-def named(operators: Sequence[Operator]) -> tuple[Operator, ...]:
-    """The operators with every id, colour and system id filled in."""
-    names = operator_names((operator.id, operator.color) for operator in operators)
-    return tuple(
-        operator.model_copy(update={"id": name, "color": color, "vehicles": _named_vehicles(name, operator.vehicles)})
-        for operator, (name, color) in zip(operators, names, strict=True)
+    placing: Placing = "exact"
+    plan: Plan = Field(description="What each flies; squares and paths are relative to its own start.")
+    params: Params = Field(
+        default_factory=dict,
+        description="Autopilot parameters to set, by ArduPilot's names and in its units; over the operator's.",
+    )
+    depart_s: Departs = 0.0
+    charge: Charge = 1.0
+    every_s: Number = Field(
+        default=0.0, ge=0, le=3600, description="Seconds from one departure to the next, in the order of their ids."
     )
 
+    @model_validator(mode="after")
+    def _within_bounds(self) -> Fleet:
+        refuse_anchored(self)
+        faults = []
+        last_s = self.depart_s + self.every_s * (self.count - 1)
+        if last_s > LATEST_S:
+            faults.append(Fault("every_s", f"the last departs at {last_s:g} s", f"at most {LATEST_S} s"))
+        far_m = max(max(abs(start.east_m), abs(start.north_m)) for start in self.starts())
+        if far_m > REACH_M:
+            faults.append(Fault("spacing_m", f"the farthest starts {far_m:g} m away", f"at most {REACH_M} m"))
+        if faults:
+            raise refuse(*faults)
+        return self
 
-def _named_vehicles(operator: str, vehicles: Sequence[Vehicle]) -> tuple[Vehicle, ...]:
-    ids = vehicle_names(operator, [vehicle.id for vehicle in vehicles])
-    numbers = system_ids([vehicle.system_id for vehicle in vehicles])
-    return tuple(
-        vehicle.model_copy(update={"id": name, "system_id": number})
-        for vehicle, name, number in zip(vehicles, ids, numbers, strict=True)
-    )
+    def starts(self) -> list[Start]:
+        """Where each starts: on a lattice about `start`, nearest first, equal distances by angle from east."""
+        wide_m, deep_m = self.spacing_m
+        # a circle of this radius around the first holds at least `count` places of the lattice: it is a cell's
+        # diagonal larger than the circle of `count` cells' area
+        radius_m = math.sqrt(self.count * wide_m * deep_m / math.pi) + math.hypot(wide_m, deep_m)
+        columns, rows = int(radius_m / wide_m), int(radius_m / deep_m)
+        places = [
+            (i * wide_m, j * deep_m)
+            for i in range(-columns, columns + 1)
+            for j in range(-rows, rows + 1)
+            if math.hypot(i * wide_m, j * deep_m) <= radius_m
+        ]
+        places.sort(key=lambda place: (round(math.hypot(*place), 6), math.atan2(place[1], place[0])))
+        first = self.start
+        return [
+            first.model_copy(update={"east_m": first.east_m + east_m, "north_m": first.north_m + north_m})
+            for east_m, north_m in places[: self.count]
+        ]
 
-
-def _free(stem: str, number: int, taken: set[str]) -> str:
-    """`stem` with `number`, or with the first number after it that makes it free."""
-    while f"{stem}{number}" in taken:
-        number += 1
-    return f"{stem}{number}"
+    def vehicles(self) -> list[Vehicle]:
+        """Its aircraft, without ids."""
+        keys = ("autopilot", "airframe", "placing", "plan", "charge")
+        shared = {key: getattr(self, key) for key in keys}
+        return [
+            Vehicle.model_construct(
+                **shared, start=start, params=dict(self.params), depart_s=self.depart_s + self.every_s * number
+            )
+            for number, start in enumerate(self.starts())
+        ]

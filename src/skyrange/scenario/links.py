@@ -13,7 +13,7 @@ from skyrange.agent.links import Channel
 from skyrange.core.ids import link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
 from skyrange.scenario.base import Model, Number, Whole
-from skyrange.scenario.fleet import Operator
+from skyrange.scenario.operators import Operator
 
 VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data")
 """Kinds of link that every aircraft has one of."""

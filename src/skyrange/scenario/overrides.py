@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.scenario.files import FILE_KEYS
-from skyrange.scenario.fleet import operator_names, vehicle_names
+from skyrange.scenario.operators import operator_names, vehicle_names
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.walk import element_of, model_of, step, value_of
 

@@ -9,16 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
-
-import numpy as np
-import shapely
-from shapely.affinity import translate
 
 from skyrange.city.city import City
 from skyrange.core.errors import Fault, InputError
 from skyrange.gcs.paths import Point
 from skyrange.gcs.routes import enu_points
+from skyrange.scenario.airspace import Airspace
 from skyrange.scenario.faults import spelled
 from skyrange.scenario.fleet import Vehicle
 from skyrange.scenario.flight import flight_plan
@@ -30,8 +26,6 @@ STEP_M = 4.0
 """Spacing of the places tried: below the margin, so that no gap worth flying in is stepped over."""
 REACH_M = 600.0
 """How far a mission may be shifted before it is no longer the same mission."""
-APART_M = 10.0
-"""Kept, seen from above, from the paths of other aircraft."""
 
 
 def placed(scenario: Scenario, city: City | None) -> Scenario:
@@ -47,7 +41,7 @@ def placed(scenario: Scenario, city: City | None) -> Scenario:
     fleets = [list(operator.vehicles) for operator in scenario.operators]
     order = [(o, v) for o, fleet in enumerate(fleets) for v, _ in enumerate(fleet)]
     order.sort(key=lambda place: fleets[place[0]][place[1]].placing == "clear")  # stable: the exact ones first
-    taken: list[Any] = []
+    taken = Airspace()
     faults: list[Fault] = []
     for o, v in order:
         vehicle = fleets[o][v]
@@ -64,7 +58,7 @@ def placed(scenario: Scenario, city: City | None) -> Scenario:
                 continue
             fleets[o][v] = _shifted(vehicle, shift)
             path = tuple(Point(east + shift[0], north + shift[1], up) for east, north, up in path)
-        taken.append(_line(path))
+        taken.take(path)
     if faults:
         raise InputError("scenario", faults)
     operators = tuple(
@@ -77,32 +71,26 @@ def placed(scenario: Scenario, city: City | None) -> Scenario:
 def clear_shift(
     city: City | None,
     path: Sequence[Point],
-    taken: Sequence[Any] = (),
+    taken: Airspace | None = None,
     *,
     margin_m: float = MARGIN_M,
-    apart_m: float = APART_M,
 ) -> tuple[float, float] | None:
     """The least (east_m, north_m) by which to shift `path` to a place that is free.
 
     `path` is a flight's corners in metres, its first point the start. Free is a place where no building
-    is within `margin_m` of the path and none of the `taken` geometries within `apart_m` of it seen from
-    above. None if nothing within `REACH_M` will do.
+    is within `margin_m` of the path and nothing of the airspace `taken` is near it. None if nothing within
+    `REACH_M` will do.
     """
-    line, others = _line(path), np.array(taken, dtype=object)
+    others = None if taken is None else taken.around(path)
     for east_m, north_m in _lattice():
         moved = [Point(e + east_m, n + north_m, up) for e, n, up in path]
         if city is not None and city.obstacles_within(moved[0].east_m, moved[0].north_m, margin_m):
             continue  # the cheap question first
-        if len(others) and shapely.dwithin(others, translate(line, east_m, north_m), apart_m).any():
+        if others is not None and others.meet(east_m, north_m):
             continue
         if city is None or city.clear_of(moved, margin_m):
             return east_m, north_m
     return None
-
-
-def _line(path: Sequence[Point]) -> Any:
-    """A path seen from above."""
-    return shapely.LineString([(point.east_m, point.north_m) for point in path])
 
 
 def _shifted(vehicle: Vehicle, shift: tuple[float, float]) -> Vehicle:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 
@@ -13,13 +14,16 @@ from skyrange.core.errors import Fault
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
 from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
-from skyrange.scenario.fleet import Operator, Start, Vehicle, named
+from skyrange.scenario.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.links import Link, channel
+from skyrange.scenario.operators import Operator, named
 from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
 from skyrange.scenario.whole import whole_faults
+from skyrange.world.wind import Wind as Air
 
 __all__ = [
     "City",
+    "Fleet",
     "Grid",
     "Link",
     "Operator",
@@ -28,6 +32,7 @@ __all__ = [
     "Plan",
     "Record",
     "Scenario",
+    "Sensors",
     "Square",
     "Start",
     "Vehicle",
@@ -37,6 +42,9 @@ __all__ = [
     "path",
     "square",
 ]
+
+
+_KNOT_MPS = 1852 / 3600
 
 
 class Origin(Model):
@@ -98,12 +106,44 @@ class City(Model):
         return self
 
 
+TURBULENCE_MPS = {"none": 0.0, "light": 15 * _KNOT_MPS, "moderate": 30 * _KNOT_MPS, "severe": 45 * _KNOT_MPS}
+"""Wind 20 ft above the ground that stirs each grade of turbulence: MIL-F-8785C, figure 7 of 3.7.3.4."""
+
+
 class Wind(Model):
-    """Steady and the same everywhere."""
+    """The same everywhere but for turbulence, which each aircraft meets on its own."""
 
     speed_mps: Number = Field(default=0.0, ge=0, le=60, description="Speed in m/s.")
     from_deg: Number = Field(
         default=0.0, ge=0, le=360, description="Where it blows from: degrees clockwise from true north."
+    )
+    turbulence: Literal["none", "light", "moderate", "severe"] = Field(
+        default="none",
+        description="Gusts by the grades of MIL-F-8785C: 15, 30 and 45 knots of wind 20 ft above the ground.",
+    )
+    w20_mps: Number | None = Field(
+        default=None, ge=0, le=60, description="Gusts by that wind itself, in m/s, instead of a grade."
+    )
+
+    @model_validator(mode="after")
+    def _one_grade(self) -> Wind:
+        if self.w20_mps is not None and self.turbulence != "none":
+            raise wrong(f"{self.w20_mps:g} and turbulence = {self.turbulence!r}", "one of the two", where="w20_mps")
+        return self
+
+    @property
+    def air(self) -> Air:
+        """The same wind as the world takes it: where the air goes, east, north and up."""
+        from_rad, speed_mps = math.radians(self.from_deg), -self.speed_mps
+        steady = (speed_mps * math.sin(from_rad), speed_mps * math.cos(from_rad), 0.0)
+        return Air(steady, TURBULENCE_MPS[self.turbulence] if self.w20_mps is None else self.w20_mps)
+
+
+class Sensors(Model):
+    """How good the sensors of every aircraft are."""
+
+    noise: Number = Field(
+        default=1.0, ge=0, le=10, description="Factor on every error of the sensors: 1 usual, 0 ideal sensors."
     )
 
 
@@ -132,7 +172,7 @@ def _utc(moment: datetime) -> datetime:
 
 
 class Scenario(Model):
-    """A whole scenario. Once built, every id, colour and system id is filled in."""
+    """A whole scenario. Once built, every id, colour and system id is filled in, and fleets are vehicles."""
 
     name: str = Field(
         default="scenario", min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$",
@@ -153,6 +193,7 @@ class Scenario(Model):
     )
     city: City | None = Field(default=None, description="The buildings; default: none.")
     wind: Wind = Field(default_factory=Wind, description="The wind; default: none.")
+    sensors: Sensors = Field(default_factory=Sensors, description="The aircraft's sensors; default: usual ones.")
     record: Record = Field(default_factory=Record, description="Rates of recording.")
     links: tuple[Link, ...] = Field(
         default=(), description="Changes to links' channels; later ones stand over earlier."

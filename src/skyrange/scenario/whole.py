@@ -10,8 +10,11 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from skyrange.core.errors import Fault, nearest
-from skyrange.scenario.fleet import MAX_VEHICLES
+from skyrange.scenario.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.links import link_names
+from skyrange.scenario.operators import Operator
+
+_NONE: tuple[Any, ...] = (None, (), [])
 
 
 def whole_faults(scenario: Any) -> list[Fault]:
@@ -33,22 +36,14 @@ def whole_faults(scenario: Any) -> list[Fault]:
 
 
 def _fleet_faults(where: str, operator: Any) -> Iterator[Fault]:
-    vehicles = _list(operator, "vehicles")
-    if vehicles is None:
-        return
     here = f"{where}.vehicles"
-    if not vehicles:
-        yield Fault(here, "none", "at least one vehicle", "An operator needs a fleet.")
-    if len(vehicles) > MAX_VEHICLES:
-        yield Fault(
-            here,
-            f"{len(vehicles)} vehicles",
-            f"at most {MAX_VEHICLES}, because MAVLink's system id is 8 bits",
-            "Share them among several operators.",
-        )
+    if isinstance(operator, (Mapping, Operator)) and all(
+        _get(operator, key) in _NONE for key in ("vehicles", "fleets")
+    ):
+        yield Fault(here, "none", "at least one vehicle or fleet", "An operator needs aircraft.")
+    vehicles = _list(operator, "vehicles") or ()
     yield from _twice(here, vehicles, "id", "an id that no other vehicle of this operator has")
-    if len(vehicles) <= MAX_VEHICLES:
-        yield from _twice(here, vehicles, "system_id", "a system id that no other vehicle of this operator has")
+    yield from _addressed_twice(here, vehicles)
     for index, vehicle in enumerate(vehicles):
         if _get(vehicle, "placing") == "clear" and _get(_get(vehicle, "plan"), "anchor") == "file":
             yield Fault(
@@ -56,6 +51,32 @@ def _fleet_faults(where: str, operator: Any) -> Iterator[Fault]:
                 "clear",
                 "exact, because the mission file is anchored where it was drawn",
                 'Set plan.anchor = "start" to let it be shifted.',
+            )
+
+
+def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Fault]:
+    """Networks with two aircraft of one system id, and networks with more aircraft than there are system ids."""
+    seen: dict[tuple[int, int], int] = {}
+    full: set[int] = set()
+    for index, vehicle in enumerate(vehicles):
+        network, system_id = _get(vehicle, "network"), _get(vehicle, "system_id")
+        network = network if isinstance(network, int) else 0
+        if not isinstance(system_id, int) or system_id <= 0:
+            continue
+        if system_id > MAX_SYSTEM_ID:
+            if network not in full and not isinstance(vehicle, Mapping):  # of a table, its own check says it
+                expected = f"at most {MAX_SYSTEM_ID} aircraft, because MAVLink's system id is 8 bits"
+                hint = "Leave networks out, and more are made as needed."
+                yield Fault(f"{where}.{index}.network", f"{network}, which is full", expected, hint)
+            full.add(network)
+            continue
+        first = seen.setdefault((network, system_id), index)
+        if first != index:
+            yield Fault(
+                f"{where}.{index}.system_id",
+                repr(system_id),
+                f"a system id that no other vehicle of this operator has in network {network}",
+                f"{where}.{first} has it already.",
             )
 
 

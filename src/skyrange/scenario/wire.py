@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +33,8 @@ from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.onboard import links as vehicle_links
 from skyrange.vehicle.onboard import routes
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body, World
+from skyrange.world import Body, SensorSpec, World
+from skyrange.world.magnetism import field_at
 
 APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
 """A web service some tens of milliseconds away."""
@@ -74,12 +74,13 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
             Flight(
                 vehicle=vehicle_id(operator.id, vehicle.id),
                 system_id=vehicle.system_id,
+                network=vehicle.network,
                 plan=plans[vehicle_id(operator.id, vehicle.id)],
                 depart_s=vehicle.depart_s,
             )
             for vehicle in operator.vehicles
         ]
-        agents.append(GroundStation(operator.id, flights, epoch))
+        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams))
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
@@ -123,28 +124,26 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
     for row, (operator, vehicle) in enumerate(scenario.fleet):
         key = vehicle_id(operator.id, vehicle.id)
         start = vehicle.start
-        bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg))
+        bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg, vehicle.charge))
         spec = VehicleSpec(
             vehicle=key,
             system_id=vehicle.system_id,
+            network=vehicle.network,
             airframe=vehicle.airframe,
             home_enu_m=(start.east_m, start.north_m, 0.0),
             heading_deg=start.heading_deg,
             params=dict(vehicle.params),
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
-    blows_from = math.radians(scenario.wind.from_deg)
-    speed = -scenario.wind.speed_mps  # the direction names where it comes from
-    wind = (speed * math.sin(blows_from), speed * math.cos(blows_from), 0.0)
-    world = World(bodies, wind_enu_mps=wind, city=city)
+    datum = scenario.origin.datum
+    sensors = SensorSpec(scenario.sensors.noise, field_at(datum), chance)
+    world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
     mounts = []
     for kind, members in specs.items():
         rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
         if len(members) == len(bodies):
             rows = slice(None)  # views instead of copies
-        engine = find(AUTOPILOTS, kind)(
-            kind, [spec for _, spec in members], scenario.origin.datum, scenario.epoch, chance
-        )
+        engine = find(AUTOPILOTS, kind)(kind, [spec for _, spec in members], datum, scenario.epoch, chance)
         mounts.append(EngineMount(engine, rows))
     return world, mounts
 
@@ -188,6 +187,7 @@ def _header(
                 "color": colors[operator.id],
                 "autopilot": vehicle.autopilot,
                 "airframe": vehicle.airframe,
+                "network": vehicle.network,
                 "system_id": vehicle.system_id,
                 "home_enu_m": [vehicle.start.east_m, vehicle.start.north_m, 0.0],
                 "plan": plans[vehicle_id(operator.id, vehicle.id)].name,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study import svg
+from skyrange.study.marks import Mark, drawn
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.subject import Subject
 from skyrange.study.thin import kept_rows
@@ -23,7 +24,14 @@ _AZIMUTH = math.radians(-60.0)
 _ELEVATION = math.radians(26.0)
 
 
-def box(subject: Subject, own: Sequence[Vehicle], tracks: Mapping[str, Track], width: float, height: float) -> str:
+def box(
+    subject: Subject,
+    own: Sequence[Vehicle],
+    tracks: Mapping[str, Track],
+    width: float,
+    height: float,
+    marks: Sequence[Mark] = (),
+) -> str:
     """SVG elements that fill a panel of `width` × `height` pixels with the paths of `own` and their axes, metres.
 
     Up is stretched where the paths are flat, and the panel says by how much.
@@ -50,6 +58,7 @@ def box(subject: Subject, own: Sequence[Vehicle], tracks: Mapping[str, Track], w
         shadow[:, 2] = low[2]
         parts.append(subject.line(vehicle, project(shadow), "0.22", "1.2"))
         parts.append(subject.line(vehicle, project(track.enu_m[rows])))
+    parts += [drawn(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in marks]
     if rise > 1.05:
         parts.append(svg.text(width - 12, height - 8, f"up drawn ×{rise:.1f}", "end", 10, 'opacity=".6"'))
     return "".join(parts)

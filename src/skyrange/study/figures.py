@@ -1,4 +1,4 @@
-"""What did the run look like? Three drawings as SVG: trajectories in space, the plan from above, altitude over time.
+"""What did the run look like? Drawings as SVG: trajectories in space, the plan from above, what changed over time.
 
 Each function takes a run's record and returns a `Figure`, which a notebook shows and `save` writes. Drawings hold no
 script and fetch nothing. Elements of the aircraft number k in the manifest carry the class `ink-k`, so a page can
@@ -17,12 +17,16 @@ from numpy.typing import NDArray
 
 from skyrange.study import svg
 from skyrange.study.boxes import box
+from skyrange.study.chart import over_time
+from skyrange.study.deviation import deviations_m
+from skyrange.study.marks import Mark, drawn, marks_of
 from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
 from skyrange.study.subject import Subject, subject_of
 from skyrange.study.svg import Figure, number
 from skyrange.study.thin import kept_rows
+from skyrange.study.waypoints import uploaded
 
-__all__ = ["Figure", "altitude", "plan_view", "trajectories_3d"]
+__all__ = ["Figure", "altitude", "overview", "plan_view", "track_deviation", "trajectories_3d"]
 
 Floats = NDArray[np.float64]
 Source = Literal["belief", "truth"]
@@ -43,13 +47,19 @@ def trajectories_3d(record: Record, operators: Sequence[str] | None = None, sour
     return draw_boxes(subject_of(record), tracks, operators, source)
 
 
+def overview(record: Record) -> Figure:
+    """Everybody's true paths in one box, with the buildings between them; axes and marks as the other figures'."""
+    return draw_overview(subject_of(record), truth_tracks(record), marks_of(record))
+
+
 def plan_view(record: Record, waypoints: Mapping[str, Floats] | None = None, width: float = 760.0) -> Figure:
     """The run from above: buildings shaded by height, true paths, homes, a scale bar and north.
 
     `waypoints` are (n, 3) ENU metres by vehicle id, drawn as small diamonds (`study.waypoints.uploaded` reads them
-    from the record). `width` in pixels.
+    from the record). Crosses stand where aircraft collided or crashed, triangles where a failsafe or a fence turned one
+    around. `width` in pixels.
     """
-    return draw_plan(subject_of(record), truth_tracks(record), waypoints or {}, width)
+    return draw_plan(subject_of(record), truth_tracks(record), waypoints or {}, width, marks_of(record))
 
 
 def altitude(record: Record, width: float = 760.0, height: float = 300.0) -> Figure:
@@ -80,14 +90,18 @@ def draw_boxes(
     return Figure(svg.document(columns * width, max(1, math.ceil(len(chosen) / columns)) * height, title, body), title)
 
 
-def draw_overview(subject: Subject, tracks: Mapping[str, Track]) -> Figure:
-    """Everybody's true paths in one box, with the buildings between them."""
+def draw_overview(subject: Subject, tracks: Mapping[str, Track], marks: Sequence[Mark] = ()) -> Figure:
+    """`overview` of tracks that are at hand."""
     title = f"All trajectories of {subject.name}"
-    return Figure(svg.document(900, 520, title, [box(subject, subject.fleet, tracks, 900, 520)]), title)
+    return Figure(svg.document(900, 520, title, [box(subject, subject.fleet, tracks, 900, 520, marks)]), title)
 
 
 def draw_plan(
-    subject: Subject, tracks: Mapping[str, Track], waypoints: Mapping[str, Floats], width: float = 760.0
+    subject: Subject,
+    tracks: Mapping[str, Track],
+    waypoints: Mapping[str, Floats],
+    width: float = 760.0,
+    marks: Sequence[Mark] = (),
 ) -> Figure:
     """`plan_view` of tracks that are at hand."""
     homes = [np.array([vehicle.home_enu_m]) for vehicle in subject.fleet if vehicle.home_enu_m is not None]
@@ -110,6 +124,7 @@ def draw_plan(
         _plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
         for vehicle in subject.fleet
     )
+    body += [drawn(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in marks]
     body.append(_scale_bar(scale, width, height))
     body.append(
         f'<g transform="translate({number(width - 28)} 30)"><path d="M0 -18L7 8L0 3L-7 8z" fill="currentColor"/>'
@@ -122,34 +137,21 @@ def draw_plan(
 
 def draw_altitude(subject: Subject, tracks: Mapping[str, Track], width: float = 760.0, height: float = 300.0) -> Figure:
     """`altitude` of tracks that are at hand."""
-    flown = [track for track in tracks.values() if len(track)]
-    first = min((float(track.time_ns[0]) for track in flown), default=0.0) * 1e-9
-    last = max(max((float(track.time_ns[-1]) for track in flown), default=0.0) * 1e-9, first + 1.0)
-    low = min((float(track.enu_m[:, 2].min()) for track in flown), default=0.0)
-    top = max(max((float(track.enu_m[:, 2].max()) for track in flown), default=1.0), low + 1.0) * 1.06
-    low = 0.0 if low > -0.05 * top else low
-    left, right, above, below = 44.0, 12.0, 22.0, 38.0
-    x_scale, y_scale = (width - left - right) / (last - first), (height - above - below) / (top - low)
-    body = [svg.text(left, above - 9, "height above the origin, m", "start", extra='opacity=".7"')]
-    values, step = svg.ticks(low, top, 5)
-    for value in values:
-        y = height - below - (value - low) * y_scale
-        body.append(f'<path d="M{number(left)} {number(y)}H{number(width - right)}" {svg.GRID}/>')
-        body.append(svg.text(left - 7, y + 4, svg.label(value, step), "end"))
-    values, step = svg.ticks(first, last, 8)
-    body.extend(
-        svg.text(left + (value - first) * x_scale, height - below + 17, svg.label(value, step)) for value in values
-    )
-    body.append(svg.text((left + width - right) / 2, height - 5, "simulated time, s", extra='opacity=".7"'))
-    budget = max(60, svg.POINTS // max(len(subject.fleet), 1))
-    for vehicle in subject.fleet:
-        track = tracks[vehicle.id]
-        rows = kept_rows(track.time_ns, track.enu_m[:, 2:], budget, 0.3 / y_scale)
-        x = left + (track.time_ns[rows] * 1e-9 - first) * x_scale
-        y = height - below - (track.enu_m[rows, 2] - low) * y_scale
-        body.append(subject.line(vehicle, np.stack([x, y], axis=1)))
+    lines = {name: (track.time_ns, track.enu_m[:, 2]) for name, track in tracks.items()}
     title = f"Altitude over time in {subject.name}"
-    return Figure(svg.document(width, height, title, body), title)
+    return over_time(subject, lines, "height above the origin, m", title, width, height)
+
+
+def track_deviation(record: Record, width: float = 760.0, height: float = 300.0) -> Figure:
+    """How far each aircraft was beside its planned track, metres, over simulated time, seconds, while in the air.
+
+    The distance, seen from above, of the true position from the line through home and the waypoints that reached the
+    aircraft (`study.waypoints.uploaded`). Sizes in pixels.
+    """
+    subject = subject_of(record)
+    lines = deviations_m(subject.fleet, truth_tracks(record), uploaded(record))
+    title = f"Distance from the planned track in {subject.name}"
+    return over_time(subject, lines, "metres beside the planned track", title, width, height)
 
 
 def _plan_vehicle(subject: Subject, vehicle: Vehicle, track: Track, waypoints: Floats | None, pixels: Any) -> str:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.study.linkstats import link_stats
-from skyrange.study.series import EMPTY_TRACK, truth_tracks
+from skyrange.study.marks import alarming, said
+from skyrange.study.series import EMPTY_TRACK, happenings, truth_tracks
 
 
 def summary(record: RunRecord) -> dict[str, Any]:
@@ -15,6 +17,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
     Per vehicle: `outcome` (complete, failed or unfinished) with `reason` and `finished_s`;
     `distance_m` and `highest_m` from the recorded truth (so of its sampling rate); how many frames of
     its autopilot were sent on the `gcs` link towards its ground station and how many arrived there.
+    `mishaps` are collisions, crashes, fence breaches and failsafes in time order, with their event's details.
     """
     manifest = record.manifest
     tracks = truth_tracks(record)
@@ -41,6 +44,17 @@ def summary(record: RunRecord) -> dict[str, Any]:
                 "frames_received": to_station.delivered if to_station else 0,
             }
         )
+    mishaps = [
+        {
+            "time_s": row.time_ns / NS_PER_S,
+            "kind": alarming(row),
+            "vehicle": row.about,
+            "data": dict(row.data),
+            "words": said(row),
+        }
+        for row in happenings(record, "events")
+        if alarming(row)
+    ]
     digests = manifest.get("digests") or {}
     report = record.path / "report.html"
     return {
@@ -54,6 +68,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "digests": digests,
         "timings": manifest.get("timings") or {},
         "vehicles": vehicles,
+        "mishaps": mishaps,
         "path": str(record.path),
         "report": str(report) if report.exists() else None,
     }

@@ -82,10 +82,10 @@ def _declares(case: AgentCase) -> None:
 @AGENT.rule("outbox", "Answers every step with a whole Outbox, never a generator, which later steps leave alone.")
 def _outbox(case: AgentCase) -> None:
     steps = case.friendly
+    ports = tuple(case.make().ports)
     for step in steps:
-        same(
-            step.said, said(step.outbox), f"the outbox of {step.now} ns, handed over and now", "a new Outbox each step"
-        )
+        again = said(step.outbox, ports)
+        same(step.said, again, f"the outbox of {step.now} ns, handed over and now", "a new Outbox each step")
 
 
 @AGENT.rule("wakeups", "Asks for no wake-up, or for one later than now, in whole ns; asking twice changes nothing.")

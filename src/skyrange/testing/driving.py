@@ -74,7 +74,7 @@ def drive(
         except Exception as error:
             payloads = short(inbox.payloads)
             raise Broken(f"step({now}) with mail {payloads} raised {error!r}", "an Outbox, whatever arrived") from error
-        contents = said(outbox)
+        contents = said(outbox, tuple(agent.ports))
         wish = wakeup(agent, now, call)
         steps.append(Step(now, delivered - first, outbox, contents, wish))
 

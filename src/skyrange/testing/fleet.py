@@ -13,8 +13,9 @@ from skyrange.core.ids import Port, owner_of
 from skyrange.core.time import NS_PER_MS, Epoch
 from skyrange.testing.mail import Letter
 from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import Body
+from skyrange.world import Body, SensorSpec
 from skyrange.world import World as Bodies
+from skyrange.world.magnetism import field_at
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
@@ -35,8 +36,9 @@ Factory = Callable[[str, Sequence[VehicleSpec], Origin, Epoch, Chance], Engine]
 
 
 def open_field(specs: Sequence[VehicleSpec]) -> World:
-    """The shipped world: bodies at their homes, no wind, no city."""
-    return Bodies([Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], 0.0, s.heading_deg) for s in specs])
+    """The shipped world: bodies at their homes, no wind, no city, sensors with noise."""
+    bodies = [Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], 0.0, s.heading_deg) for s in specs]
+    return Bodies(bodies, sensors=SensorSpec(1.0, field_at(ORIGIN), CHANCE))
 
 
 def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[Letter]:

@@ -80,7 +80,8 @@ class Flight:
                 _check_untouched(given, kept)
                 if scramble:
                     for name in _ARRAYS:
-                        getattr(given, name).fill(np.nan)
+                        array = getattr(given, name)
+                        array.fill(np.nan if array.dtype.kind == "f" else -1)
             self.at += self.world.quantum_ns
         return self
 
@@ -116,7 +117,7 @@ class Flight:
             raise Broken(f"finish({now}) raised {error!r}", "a Finished") from error
         if not isinstance(finished, Finished):
             raise Broken(f"finished with {short(finished)}", "a Finished", "finishes")
-        contents = said(finished.outbox)
+        contents = said(finished.outbox, tuple(engine.ports))
         check_finished(engine, finished)
         if look is not None:
             look(engine, finished, contents)

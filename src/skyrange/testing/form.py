@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from skyrange.agent.messages import Departure, Note, Outbox
+import numpy as np
+
+from skyrange.agent.messages import Block, Departure, Note, Outbox
+from skyrange.agent.payloads import Payloads
 from skyrange.core.ids import FrameId, Port
 from skyrange.testing.rules import Broken, need, short
 
@@ -21,15 +24,28 @@ Said = tuple[tuple[Departure, ...], tuple[Note, ...]]
 """What an outbox held when it was handed over."""
 
 
-def said(outbox: Any) -> Said:
-    """The contents of an outbox, copied; `Broken` (rule `outbox`) unless it is whole."""
-    expected = "an Outbox with its departures and notes in lists"
+def said(outbox: Any, ports: Sequence[Port]) -> Said:
+    """The contents of an outbox, copied, blocks frame by frame; `Broken` (rule `outbox`) unless it is whole.
+
+    `ports` are the component's own, in its order.
+    """
+    expected = "an Outbox with its departures, blocks and notes in lists"
     if not isinstance(outbox, Outbox):
         raise Broken(f"answered with {short(outbox)}", expected, "outbox")
-    for held in (outbox.departures, outbox.notes):
+    for held in (outbox.departures, outbox.blocks, outbox.notes):
         if not isinstance(held, list | tuple):
             raise Broken(f"put {short(held)} in its outbox", expected, "outbox")
-    return tuple(outbox.departures), tuple(outbox.notes)
+    for block in outbox.blocks:
+        if not isinstance(block, Block) or not isinstance(block.payloads, Payloads):
+            raise Broken(f"put {short(block)} among its blocks", "a Block of places and Payloads", "outbox")
+        places = block.places
+        whole = isinstance(places, np.ndarray) and places.dtype == np.int64 and places.shape == (len(block.payloads),)
+        if not whole or (len(places) and not 0 <= places.min() <= places.max() < len(ports)):
+            raise Broken(
+                f"sent a block from places {short(places)}",
+                f"for each of {len(block.payloads)} payloads an int64 below {len(ports)}", "departures",
+            )  # fmt: skip
+    return tuple(outbox.each(ports)), tuple(outbox.notes)
 
 
 def check_departures(of: Said, ports: Collection[Port]) -> None:

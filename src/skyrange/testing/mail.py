@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import World
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import LinkSpec
@@ -53,6 +54,11 @@ class Postbag:
         port = self._ports.get((frame.link, frame.direction))
         if port is not None and frame.fate is Fate.DELIVERED:
             self.letters.append(Letter(frame.arrived_ns, port, frame.payload))
+
+    def on_block(self, block: FrameBlock) -> None:
+        """The same for many."""
+        for frame in block.frames():
+            self.on_frame(frame)
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
         """Not mail."""

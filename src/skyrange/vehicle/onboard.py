@@ -8,7 +8,12 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from skyrange.agent.links import Channel, LinkSpec, Route
+from skyrange.agent.payloads import Payloads
+from skyrange.codec.columns import message_ids
 from skyrange.codec.mavlink import dialect, message_id
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
@@ -39,9 +44,22 @@ RID_MESSAGES: Final = frozenset(
 """What an ASTM F3411 broadcast is made of: status, time, position above the ellipsoid, velocity, take-off."""
 
 
-def for_remote_id(payload: bytes) -> bool:
+class _ForRemoteId:
     """Whether a frame is one that goes to `rid_data`; looks at the header only."""
-    return message_id(payload) in RID_MESSAGES
+
+    def __call__(self, payload: bytes) -> bool:
+        return message_id(payload) in RID_MESSAGES
+
+    def rows(self, payloads: Payloads) -> NDArray[np.bool_]:
+        """The same of many."""
+        return np.isin(message_ids(payloads), _RID_IDS)
+
+    def __deepcopy__(self, memo: object) -> _ForRemoteId:
+        return self
+
+
+_RID_IDS: Final = np.array(sorted(RID_MESSAGES))
+for_remote_id: Final = _ForRemoteId()
 
 
 def routes(vehicle: str) -> list[Route]:

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 class VehicleSpec:
     """One aircraft: `home_enu_m` where it stands at the start, `heading_deg` clockwise from north.
 
-    `params` are ArduCopter parameters in their own units that replace defaults.
+    `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter
+    parameters in their own units that replace defaults.
     """
 
     vehicle: str
@@ -19,3 +20,4 @@ class VehicleSpec:
     home_enu_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heading_deg: float = 0.0
     params: Mapping[str, float] = field(default_factory=dict)
+    network: int = 0

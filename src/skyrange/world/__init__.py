@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from skyrange.world.airframes import AIRFRAMES, Airframe, Rotor
+from skyrange.world.wind import Wind
 
 if TYPE_CHECKING:
+    from skyrange.world.sensors import SensorSpec
     from skyrange.world.world import Body, World
 
-__all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "World"]
+__all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "SensorSpec", "Wind", "World"]
 
 
 def __getattr__(name: str) -> object:
@@ -18,4 +20,8 @@ def __getattr__(name: str) -> object:
         from skyrange.world import world
 
         return getattr(world, name)
+    if name == "SensorSpec":
+        from skyrange.world import sensors
+
+        return sensors.SensorSpec
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -64,6 +64,29 @@ class Airframe:
     """Centre of gravity above the ground when standing."""
     friction: float
     """Coulomb coefficient of the gear on the ground."""
+    propeller_m: float
+    """Radius of a propeller."""
+    height_m: float
+    """From the bottom of the gear to the top."""
+    cells: int
+    """In series, lithium polymer."""
+    capacity_ah: float
+    resistance_ohm: float
+    """Of the battery and its wires."""
+    drive_efficiency: float
+    """Shaft power over the battery's, of motors and their controllers."""
+    avionics_w: float
+    """Drawn as long as the battery lasts."""
+
+    @property
+    def radius_m(self) -> float:
+        """Of the upright cylinder that holds it, propellers and all: what collides."""
+        return self.arm_m + self.propeller_m
+
+    @property
+    def arm_m(self) -> float:
+        """From the middle to the farthest rotor."""
+        return max(math.hypot(rotor.forward_m, rotor.left_m) for rotor in self.rotors)
 
     @property
     def max_thrust_n(self) -> float:
@@ -91,6 +114,23 @@ class Airframe:
         if expo == 0.0:
             return thrust
         return (math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust) - (1.0 - expo)) / (2.0 * expo)
+
+
+_DRIVE_EFFICIENCY = 0.8
+"""An assumption, 0.85 for a brushless motor and 0.95 for its controller; with it the Iris+ and the Hummingbird hover
+for
+as long as their makers say (tests/validation)."""
+
+
+def _x_frame(arm_m: float) -> tuple[Rotor, ...]:
+    """Four rotors at 45 degrees on arms of one length."""
+    side = arm_m * math.sqrt(0.5)
+    return (
+        Rotor(side, -side, 1.0),
+        Rotor(-side, side, 1.0),
+        Rotor(side, side, -1.0),
+        Rotor(-side, -side, -1.0),
+    )
 
 
 IRIS = Airframe(
@@ -122,7 +162,84 @@ IRIS = Airframe(
     cg_height_m=0.195,
     # SDFormat's default for surface/friction/ode/mu.
     friction=1.0,
+    # 3DR Iris+ operation manual: 10 x 4.5 inch propellers; 3S, 5100 mAh. Height: [G]'s box above that bottom.
+    propeller_m=0.127,
+    height_m=0.25,
+    cells=3,
+    capacity_ah=5.1,
+    # [A] SIM_Frame.h `refBatRes`, of its 3S frame.
+    resistance_ohm=0.01,
+    drive_efficiency=_DRIVE_EFFICIENCY,
+    avionics_w=6.0,
 )
 
-AIRFRAMES: dict[str, Airframe] = {airframe.name: airframe for airframe in (IRIS,)}
+HUMMINGBIRD = Airframe(
+    # AscTec Hummingbird, flown as an X. [R] rotors_description/urdf/hummingbird.xacro: mass with its four rotors,
+    # inertia,
+    # arm, motor and moment constants, speed, lags, rotor drag; there from Wang et al., "Novel Dynamic Inversion
+    # Architecture Design for Quadrocopter Control".
+    name="hummingbird",
+    mass_kg=0.716,
+    inertia_kgm2=(0.007, 0.007, 0.012),
+    rotors=_x_frame(0.17),
+    thrust_ns2=8.54858e-06,
+    rotor_max_radps=838.0,
+    tau_up_s=0.0125,
+    tau_down_s=0.025,
+    torque_arm_m=0.016,
+    thrust_expo=0.65,
+    rotor_drag_ns2=8.06428e-05,
+    # [R] body_width x body_height from the side, 0.1 m x 0.12 m, a cube's coefficient as for the Iris, and half of
+    # it again
+    # for four arms of 2 cm x 17 cm that [R] does not draw.
+    drag_area_m2=0.019,
+    # The arms' ends at 45 degrees; the centre of gravity in the middle of [R]'s body.
+    gear_half_track_m=0.12,
+    cg_height_m=0.06,
+    friction=1.0,
+    # [R] radius_rotor, body_height.
+    propeller_m=0.1,
+    height_m=0.12,
+    # Ascending Technologies' data sheet: 3S, 2100 mAh, 20 minutes. Resistance: the Iris's, by capacity.
+    cells=3,
+    capacity_ah=2.1,
+    resistance_ohm=0.024,
+    drive_efficiency=_DRIVE_EFFICIENCY,
+    avionics_w=5.0,
+)
+
+X500 = Airframe(
+    # Holybro X500 as in PX4/PX4-gazebo-models, models/x500_base/model.sdf, commit 008216e: base_link and four
+    # rotors' mass,
+    # inertia, rotor poses, landing gear; models/x500/model.sdf: motor and moment constants, speed, lags, rotor drag.
+    name="x500",
+    mass_kg=2.064,
+    inertia_kgm2=(0.0216667, 0.0216667, 0.04),
+    rotors=_x_frame(0.174 * math.sqrt(2.0)),
+    thrust_ns2=8.54858e-06,
+    rotor_max_radps=1000.0,
+    tau_up_s=0.0125,
+    tau_down_s=0.025,
+    torque_arm_m=0.016,
+    thrust_expo=0.65,
+    rotor_drag_ns2=8.06428e-05,
+    # The model's plate and legs from the side, 0.354 m x 0.05 m + 2 x 0.21 m x 0.015 m, and arms and motors as much
+    # as the
+    # legs, with a cube's coefficient.
+    drag_area_m2=0.032,
+    # Its skids: 0.264 m apart, their bottom 0.227 m below base_link; rotors 0.06 m above.
+    gear_half_track_m=0.132,
+    cg_height_m=0.227,
+    friction=1.0,
+    # Holybro's X500 V2 kit: 1045 propellers, 4S, 5000 mAh. Resistance: the Iris's, by cells and capacity.
+    propeller_m=0.127,
+    height_m=0.29,
+    cells=4,
+    capacity_ah=5.0,
+    resistance_ohm=0.0136,
+    drive_efficiency=_DRIVE_EFFICIENCY,
+    avionics_w=10.0,
+)
+
+AIRFRAMES: dict[str, Airframe] = {airframe.name: airframe for airframe in (IRIS, HUMMINGBIRD, X500)}
 """The table, by name."""

@@ -1,6 +1,6 @@
 """Who holds the true state of every aircraft, and how does it move from tick to tick? One table of arrays.
 
-The city is held for those who ask where walls are; flying into one has no effect on the body.
+A tick: the gusts that are due, dynamics, the batteries that are due, collisions.
 """
 
 from __future__ import annotations
@@ -15,16 +15,23 @@ from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Floats, Sensors
 from skyrange.agent.messages import Note
+from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.world import multirotor
+from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
+from skyrange.world.collisions import Bodies, shape_row
+from skyrange.world.contacts import Contacts
+from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
+from skyrange.world.wind import CALM, Wind, faults_of
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
 
 DEFAULT_QUANTUM_NS: Time = 2_500_000
 _NO_NOTES: tuple[Note, ...] = ()
+_NO_CHANCE = Chance(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +39,7 @@ class Body:
     """One aircraft and where it stands at the start.
 
     `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors
-    off. `heading_deg` is clockwise from north.
+    off. `heading_deg` is clockwise from north; `charge` is the battery's, 0 to 1.
     """
 
     vehicle: str
@@ -41,10 +48,11 @@ class Body:
     north_m: float
     up_m: float = 0.0
     heading_deg: float = 0.0
+    charge: float = 1.0
 
 
 class World:
-    """Truth: bodies in steady wind over flat ground (the contract `skyrange.agent.contracts.World`).
+    """Truth: bodies in wind over flat ground and among buildings (the contract `skyrange.agent.contracts.World`).
 
     The first `advance` sets the time of the initial state and moves nothing. Deep copies are
     independent and continue identically; the immutable city is shared between them.
@@ -54,11 +62,13 @@ class World:
         self,
         bodies: Sequence[Body],
         quantum_ns: Time = DEFAULT_QUANTUM_NS,
-        wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        wind: Wind = CALM,
         city: City | None = None,
+        chance: Chance = _NO_CHANCE,
+        sensors: SensorSpec = IDEAL,
     ) -> None:
-        """`wind_enu_mps` is the air's velocity. Raises InputError with every fault of the bodies at once."""
-        _check(bodies, quantum_ns, wind_enu_mps)
+        """`chance` is where turbulence comes from. Raises InputError with every fault of the bodies at once."""
+        _check(bodies, quantum_ns, wind, city)
         n = len(bodies)
         names = sorted({body.airframe for body in bodies})
         step_s = quantum_ns / NS_PER_S
@@ -68,9 +78,10 @@ class World:
         self.city = city
         self._now: Time | None = None
         self._step_s = step_s
-        self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name], step_s) for name in names])
+        self._parameters = np.array([multirotor.parameter_row(AIRFRAMES[name]) for name in names])
         self._airframe = np.array([names.index(body.airframe) for body in bodies], dtype=np.int64)
-        self._wind = np.array(wind_enu_mps, dtype=np.float64)
+        motors = np.array([multirotor.motor_rows(airframe, step_s) for airframe in self.airframes])
+        self._motors = tuple(np.repeat(motors[:, k : k + 1], MOTORS, axis=1) for k in range(3))
         self._position = np.array([(b.east_m, b.north_m, b.up_m) for b in bodies], dtype=np.float64)
         self._velocity = np.zeros((n, 3))
         self._attitude = np.zeros((n, 4))
@@ -80,21 +91,58 @@ class World:
         self._accel = np.zeros((n, 3))
         self._flags = np.zeros((n, 4), dtype=np.uint8)
         self._impact_mps = np.zeros(n)
+        self._height = np.zeros(n)
+        self._floor = np.zeros(n)
+        self._before = self._position.copy()
+        self._stride = np.zeros(1)
+        self._wind = wind
+        self._steady = np.array(wind.steady_enu_mps, dtype=np.float64)
+        self._air = np.tile(self._steady, (n, 1))
+        self._gusts = np.zeros((n, turbulence.STATES))
+        self._gust_seed = np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF)
+        self._who = np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64)
+        self._gusted: Time | None = None
+        self._batteries = np.array([battery.battery_row(AIRFRAMES[name]) for name in names])
+        self._charge = np.array([body.charge for body in bodies], dtype=np.float64)
+        self._battery_v = np.zeros(n)
+        self._battery_a = np.zeros(n)
+        self._work_j = np.zeros(n)
+        self._drawn: Time = 0
+        self._alive = np.ones((n, MOTORS), dtype=np.uint8)
+        self._limit = np.zeros((n, MOTORS))
+        self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
+        self._contacts = Contacts(self.vehicles, city)
+        self._sensing = Sensing(sensors, self.vehicles, self._seen(), self._commands, self._power())
+        self._bind()
+        self._contacts.begin(self._bodies)
+        self._discharge(0.0)
         for i, body in enumerate(bodies):
             half_yaw = 0.5 * math.radians(90.0 - body.heading_deg)
             self._attitude[i, 0], self._attitude[i, 3] = math.cos(half_yaw), math.sin(half_yaw)
-            standing = body.up_m == 0.0
+            standing = body.up_m == self._floor[i]
             self._flags[i, multirotor.ON_GROUND if standing else multirotor.ALOFT] = 1
             self._accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
-        self._bind()
+            self._height[i] = body.up_m - self._floor[i]
+
+    def _seen(self) -> tuple[Floats, ...]:
+        """The arrays that sensors look at."""
+        return self._rates, self._accel, self._attitude, self._position, self._velocity, self._height
+
+    def _power(self) -> tuple[Floats, Floats]:
+        """Volts and amperes at the batteries' terminals."""
+        return self._battery_v, self._battery_a
 
     def _bind(self) -> None:
         """Make what points into the arrays: the kernel's arguments and the read-only views."""
-        self._arguments = (
+        self._arguments: tuple[Any, ...] = (
             self._step_s,
             self._parameters,
             self._airframe,
-            self._wind,
+            *self._motors,
+            self._air,
+            self._floor,
+            self._limit,
+            self._alive,
             self._commands,
             self._position,
             self._velocity,
@@ -104,17 +152,31 @@ class World:
             self._accel,
             self._flags,
             self._impact_mps,
+            self._height,
+            self._work_j,
+            self._before,
+            self._stride,
         )
-        views = [a.view() for a in (self._rates, self._accel, self._attitude, self._position, self._velocity)]
-        for view in views:
-            view.flags.writeable = False
-        self._readings = tuple(views)
-        self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
+        self._bodies = Bodies(
+            self._before,
+            self._position,
+            self._velocity,
+            self._attitude,
+            self._rates,
+            self._rotor_radps,
+            self._accel,
+            self._limit,
+            self._floor,
+            self._alive,
+            self._shape,
+            self._airframe,
+        )
+        self._sensing.bind(self._seen(), self._commands, self._power())
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the views: copied arrays get views of their own."""
         state = self.__dict__.copy()
-        for key in ("_arguments", "_readings", "_by_slice"):
+        for key in ("_arguments", "_bodies"):
             del state[key]
         return state
 
@@ -125,53 +187,94 @@ class World:
     def advance(self, now: Time) -> Sequence[Note]:
         """Move all bodies by the whole quanta between the last tick and `now` under the last actuators.
 
-        Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb
-        5 cm for another; `event.crash` {tilt_deg} when an aircraft on the ground tips over for good.
-        Raises ValueError where `now` is before the last tick.
+        Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for
+        another; `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the
+        speed is its last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each
+        aircraft in it (see `contacts`). Raises ValueError where `now` is before the last tick.
         """
         if self._now is None:
-            self._now = now
+            self._now = self._drawn = now
+            self._sensing.sample(now)
             return _NO_NOTES
         steps = (now - self._now) // self.quantum_ns
         if steps < 0:
             raise ValueError(f"world: asked to advance to {now} ns from {self._now} ns; time only runs forward")
-        self._now += steps * self.quantum_ns
-        if multirotor.advance(steps, *self._arguments) == 0:
-            return _NO_NOTES
-        return self._notes()
+        notes: list[Note] = []
+        for _ in range(steps):
+            notes += self._tick(self._now)
+        self._sensing.sample(self._now)
+        return notes
+
+    def _tick(self, start: Time) -> Sequence[Note]:
+        """One quantum from `start`."""
+        end = self._now = start + self.quantum_ns
+        if self._wind.turbulence_mps > 0.0 and (
+            self._gusted is None or start // turbulence.GUST_NS > self._gusted // turbulence.GUST_NS
+        ):
+            self._gust(start)
+        events = multirotor.advance(*self._arguments)
+        if end // battery.BATTERY_NS > self._drawn // battery.BATTERY_NS:
+            self._discharge((end - self._drawn) / NS_PER_S)
+            self._drawn = end
+        collided = self._contacts.look(end, self._step_s, float(self._stride[0]), self._bodies)
+        if events == 0:
+            return collided
+        return [*collided, *self._notes()]
+
+    def _gust(self, now: Time) -> None:
+        since = self._gusted
+        turbulence.gust(
+            since is None,
+            0.0 if since is None else (now - since) / NS_PER_S,
+            self._gust_seed,
+            np.uint64(hash64(turbulence.STREAM)),
+            np.uint64(now & 0xFFFFFFFFFFFFFFFF),
+            self._who,
+            self._steady,
+            self._wind.turbulence_mps,
+            self._velocity,
+            self._height,
+            self._gusts,
+            self._air,
+        )
+        self._gusted = now
+
+    def _discharge(self, seconds: float) -> None:
+        battery.discharge(
+            seconds,
+            self._batteries,
+            self._airframe,
+            self._alive,
+            self._work_j,
+            self._charge,
+            self._battery_v,
+            self._battery_a,
+            self._limit,
+        )
 
     def _notes(self) -> list[Note]:
-        """What the last kernel call flagged, in vehicle order; clears it."""
+        """What the last step of the dynamics flagged, in vehicle order; clears it."""
         notes = []
         for i in np.flatnonzero(self._flags[:, multirotor.EVENTS]).tolist():
             vehicle = self.vehicles[i]
             event = int(self._flags[i, multirotor.EVENTS])
+            speed = float(self._impact_mps[i])
             if event & multirotor.TOUCHED:
-                notes.append(Note("event.contact", vehicle, {"speed_mps": float(self._impact_mps[i])}))
-            if event & multirotor.TIPPED:
+                notes.append(Note("event.contact", vehicle, {"speed_mps": speed}))
+            if event & (multirotor.TIPPED | multirotor.BROKEN):
                 _, x, y, _ = self._attitude[i].tolist()
                 tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
-                notes.append(Note("event.crash", vehicle, {"tilt_deg": tilt}))
+                notes.append(Note("event.crash", vehicle, {"tilt_deg": tilt, "speed_mps": speed}))
             self._flags[i, multirotor.EVENTS] = 0
         return notes
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        """Ideal sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
+        """The sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
 
-        The accelerometer reads the mean specific force over the last quantum. Barometer and
-        rangefinder read the height of the gear over the ground.
+        The accelerometer reads the mean specific force over the last quantum. The barometer reads the height of the
+        gear over the origin, the rangefinder that over the ground or roof below.
         """
-        if isinstance(rows, slice):
-            key = (rows.start, rows.stop, rows.step)
-            known = self._by_slice.get(key)
-            if known is None:
-                known = self._by_slice[key] = self._read(rows)
-            return known
-        return self._read(rows)
-
-    def _read(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        gyro, accel, attitude, position, velocity = (reading[rows] for reading in self._readings)
-        return Sensors(gyro, accel, attitude, position, velocity, position[:, 2], position[:, 2])
+        return self._sensing.read(rows)
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""
@@ -194,10 +297,19 @@ class World:
         columns["throttle"] = throttle / MOTORS
         columns["on_ground"] = self._flags[:, multirotor.ON_GROUND].astype(np.float64)
         columns["crashed"] = self._flags[:, multirotor.CRASHED].astype(np.float64)
+        for name, values in (
+            ("battery_v", self._battery_v),
+            ("battery_a", self._battery_a),
+            ("charge", self._charge),
+            ("wind_east_mps", self._air[:, 0]),
+            ("wind_north_mps", self._air[:, 1]),
+            ("wind_up_mps", self._air[:, 2]),
+        ):
+            columns[name] = values.copy()
         return columns
 
 
-def _check(bodies: Sequence[Body], quantum_ns: Time, wind_enu_mps: Sequence[float]) -> None:
+def _check(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:
     """Raise one InputError with all faults of a world's arguments."""
     faults = []
     seen: set[str] = set()
@@ -218,13 +330,18 @@ def _check(bodies: Sequence[Body], quantum_ns: Time, wind_enu_mps: Sequence[floa
             value = getattr(body, name)
             if not math.isfinite(value):
                 faults.append(Fault(f"{body.vehicle}.{name}", repr(value), "a finite number"))
+        if not 0.0 <= body.charge <= 1.0:
+            faults.append(Fault(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
         if body.up_m < 0.0:
             faults.append(Fault(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
+        place = (body.east_m, body.north_m, body.up_m)
+        building = city.inside(*place) if city is not None and all(map(math.isfinite, place)) else None
+        if building is not None:
+            faults.append(Fault(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there"))
     if not bodies:
         faults.append(Fault("bodies", "none", "at least one aircraft"))
     if quantum_ns <= 0:
         faults.append(Fault("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
-    if len(wind_enu_mps) != 3 or not all(map(math.isfinite, wind_enu_mps)):
-        faults.append(Fault("wind_enu_mps", repr(wind_enu_mps), "three finite numbers in m/s"))
+    faults += faults_of(wind)
     if faults:
         raise InputError("world", faults)

@@ -67,6 +67,10 @@ def embed(run: Gathered) -> tuple[str, dict[str, Any]]:
         "end": run.end_ns * 1e-9,
         "operators": [{"id": name, "ink": list(colour)} for name, colour in run.operator_inks.items()],
         "vehicles": aircraft,
+        "marks": [
+            {"t": mark.time_ns * 1e-9, "kind": mark.kind, "at": [round(m, 2) for m in mark.enu_m], "words": mark.words}
+            for mark in run.marks
+        ],
         "buildings": buildings,
     }
     return safe_json(data), notes

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from skyrange.core.time import NS_PER_S
 from skyrange.study.flights import Flight, flights
 from skyrange.study.linkstats import LinkStats, link_stats
+from skyrange.study.marks import Mark, marks
 from skyrange.study.palette import Ink, base_colours, ink
 from skyrange.study.series import (
     Happening,
@@ -47,6 +48,7 @@ class Gathered:
     events: Sequence[Happening]
     decisions: Sequence[Happening]
     attacks: Sequence[Happening]
+    marks: Sequence[Mark]
     links: Sequence[LinkStats]
     flights: Sequence[Flight]
     start_ns: int
@@ -93,6 +95,7 @@ def gather(record: Record) -> Gathered:
         events=events,
         decisions=decisions,
         attacks=attacks,
+        marks=marks(events, truth),
         links=link_stats(record),
         flights=flights(record, subject.fleet, truth, belief, events),
         start_ns=start,

@@ -35,7 +35,7 @@ def render(record: Record) -> str:
         tiles=sections.tiles(run),
         outcomes=sections.outcomes(run),
         panels=_panels(run),
-        plan=figures.draw_plan(run.subject, run.truth, run.waypoints).svg,
+        plan=figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks).svg,
         altitude=figures.draw_altitude(run.subject, run.truth).svg,
         gaps=sections.gaps(run),
         links=linktable.links(run),
@@ -44,7 +44,7 @@ def render(record: Record) -> str:
         events=timeline.table([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
         decisions=timeline.table(run.decisions, run, "decisions", "Decisions of ground stations"),
         opening=sections.data(run, notes),
-        overview=figures.draw_overview(run.subject, run.truth).svg,
+        overview=figures.draw_overview(run.subject, run.truth, run.marks).svg,
     )
 
 

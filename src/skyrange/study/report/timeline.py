@@ -7,6 +7,7 @@ from html import escape
 
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_S
+from skyrange.study.marks import alarming
 from skyrange.study.report import words
 from skyrange.study.report.gathered import Gathered
 from skyrange.study.series import Happening
@@ -27,6 +28,12 @@ _GLYPHS = {
     "event.landed": ("landed", "landed"),
     "event.item_reached": ("item", "item reached"),
     "event.contact": ("contact", "ground contact"),
+    "event.collision": ("collision", "collision"),
+    "event.crash": ("crash", "crash"),
+    "event.fence_breach": ("alarm", "fence breached"),
+    "event.battery": ("alarm", "battery low"),
+    "event.estimator": ("alarm", "estimator"),
+    "event.glitch": ("alarm", "GNSS glitch"),
     "event.outcome": ("outcome", "mission outcome"),
 }
 _SHAPES = {
@@ -36,6 +43,8 @@ _SHAPES = {
     "landed": '<path d="M0 6L6 -5H-6z"/>',
     "item": '<path d="M0 -5L5 0L0 5L-5 0z"/>',
     "contact": '<path d="M-4.5 4.5H4.5" class="stroke"/>',
+    "collision": '<path d="M0 -7L0 7M-7 0L7 0M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
+    "alarm": '<path d="M0 -6L6 5H-6z" class="hollow stroke alarm"/>',
     "crash": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
     "outcome": '<path d="M-5 0L-1.5 4L5.5 -5" class="stroke good"/>',
     "failed": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
@@ -129,10 +138,12 @@ def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> st
     for row, until in zip(changes, ends, strict=False):  # no change, no band
         mode = str(row.data.get("mode", "?"))
         place = modes.setdefault(mode, len(modes)) % 8
+        why = f" for {reason}" if (reason := str(row.data.get("reason", "")).replace("_", " ")) else ""
+        span = f"{row.time_ns * 1e-9:.2f} s to {until * 1e-9:.2f} s"
         share = (until - row.time_ns) / (run.end_ns - run.start_ns)
         parts.append(
             f'<rect class="mode-{place}" x="{_part(run, row.time_ns)}%" y="3" width="{100 * max(share, 0):.2f}%" '
-            f'height="20" rx="3"><title>{escape(mode)} from {row.time_ns * 1e-9:.2f} s to {until * 1e-9:.2f} s</title>'
+            f'height="20" rx="3"><title>{escape(mode + why)} from {span}</title>'
             "</rect>"
         )
     return "".join(parts)
@@ -140,7 +151,7 @@ def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> st
 
 def _marks(run: Gathered, own: Sequence[Happening]) -> str:
     parts = []
-    for row in [row for row in own if row.kind != "event.mode"][:MOST_MARKS]:
+    for row in [row for row in own if row.kind != "event.mode" or alarming(row)][:MOST_MARKS]:
         glyph = _glyph(row)
         said = " ".join(f"{key} {value}" for key, value in row.data.items())
         parts.append(
@@ -153,6 +164,8 @@ def _marks(run: Gathered, own: Sequence[Happening]) -> str:
 def _glyph(row: Happening) -> str:
     if row.kind.startswith("attack."):
         return "attack"
+    if row.kind == "event.mode":
+        return "alarm"
     if row.kind == "event.outcome" and row.data.get("state") == "failed":
         return "failed"
     speed = row.data.get("speed_mps")
@@ -179,6 +192,8 @@ def _legend(run: Gathered, modes: dict[str, int]) -> str:
     seen = {row.kind for row in run.events}
     items = [f'<span><i class="mode-{place % 8}"></i>{escape(mode)}</span>' for mode, place in modes.items()]
     used = [pair for kind, pair in _GLYPHS.items() if kind in seen]
+    if any(alarming(row) == "failsafe" for row in run.events):
+        used.append(("alarm", "failsafe"))
     if run.attacks:
         used.append(("attack", "hostile act"))
     for glyph, said in used:

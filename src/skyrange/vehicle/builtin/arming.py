@@ -1,18 +1,16 @@
-"""May the motors turn? Pre-arm checks, arming, disarming, and disarming by itself on the ground.
+"""May the motors turn? Arming, disarming, and disarming by itself on the ground.
 
-After ArduCopter/AP_Arming_Copter.cpp and ArduCopter/motors.cpp `auto_disarm_check`. The checks are few because what
-can fail is little: there is no radio, battery or compass to fail here.
+After ArduCopter/AP_Arming_Copter.cpp (`arm`, `arm_checks`, `disarm`) and ArduCopter/motors.cpp `auto_disarm_check`.
+What is checked beforehand, and told while it fails, is in `prearm`.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.vehicle.builtin import loop, sticks_in
+from skyrange.vehicle.builtin import fence, loop, prearm, sticks_in
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
 from skyrange.vehicle.builtin.modes import PILOTED, Mode, armable
@@ -22,33 +20,21 @@ FORCE = 21196.0
 """Magic numbers in param2 of MAV_CMD_COMPONENT_ARM_DISARM (GCS_Common.cpp): force arming; force either."""
 
 
-def refusal(fleet: Fleet, craft: Craft) -> str:
-    """Why the craft may not be armed now, in ArduCopter's words where it has some; "" where it may."""
-    if not armable(craft.mode, int(fleet.param(craft, "AUTO_OPTIONS"))):
-        return f"{Mode(craft.mode).name} mode not armable"
-    row = craft.row
-    here = fleet.estimate["pos"][row]
-    if not (np.isfinite(here).all() and np.isfinite(fleet.estimate["vel"][row]).all()):
-        return "Need Position Estimate"
-    lean = math.hypot(float(fleet.estimate["roll"][row]), float(fleet.estimate["pitch"][row]))
-    if lean > math.radians(fleet.param(craft, "ANGLE_MAX") * 0.01):
-        return "Leaning"
-    if craft.mode == Mode.AUTO and not craft.sees_mission:
-        return "No mission loaded"
-    if sticks_in.too_high(fleet, craft):
-        return "Throttle too high"
-    return ""
-
-
 def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
-    """Arm where the checks (if `checked`) allow it: home moves to where the craft stands, motors idle."""
-    why = refusal(fleet, craft) if checked else ""
+    """Arm where the checks allow it, of which few are left if not `checked`: home moves here, motors idle."""
+    if not prearm.passes(fleet, craft, not checked, causes):
+        return False
+    why = _refusal(fleet, craft) if checked else ""
     if why:
         fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, f"Arm: {why}", causes)
         return False
+    if checked and fleet.param(craft, "ARMING_CHECK") == 0:
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Warning: Arming Checks Disabled", causes)
     row = craft.row
     flight = fleet.flight
-    craft.home = fleet.position(craft)
+    if not craft.home_locked:
+        craft.home = fleet.position(craft)
+    fleet.watch["home"][row] = craft.home
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
     flight["landed"][row] = 1
@@ -58,7 +44,21 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
     fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Arming motors", causes)
     fleet.note("event.armed", craft, {"forced": not checked}, causes)
+    fence.on_arming(fleet, craft)
     return True
+
+
+def _refusal(fleet: Fleet, craft: Craft) -> str:
+    """Why a craft that passes the pre-arm checks may not be armed all the same (`arm_checks`), or ""."""
+    if not armable(craft.mode, int(fleet.param(craft, "AUTO_OPTIONS"))):
+        return f"{Mode(craft.mode).name} mode not armable"
+    checks = int(fleet.param(craft, "ARMING_CHECK"))
+    lean = math.hypot(float(fleet.estimate["roll"][craft.row]), float(fleet.estimate["pitch"][craft.row]))
+    if checks & (prearm.Bit.ALL | prearm.Bit.INS) and lean > math.radians(fleet.param(craft, "ANGLE_MAX") * 0.01):
+        return "Leaning"
+    if checks & (prearm.Bit.ALL | prearm.Bit.RC) and sticks_in.too_high(fleet, craft):
+        return "Throttle too high"
+    return ""
 
 
 def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
@@ -80,6 +80,7 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
         fleet.timer(craft, timer)
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Disarming motors", causes)
     fleet.note("event.disarmed", craft, {"reason": reason}, causes)
+    fence.on_disarming(fleet, craft)
 
 
 def idle_end(fleet: Fleet, craft: Craft) -> Time:

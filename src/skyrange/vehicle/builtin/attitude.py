@@ -65,10 +65,8 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
     """
     s2 = x * x + y * y
     if s2 < 0.04:
-        ratio = 2.0 + s2 * (
-            4.0 / 3.0
-            + s2 * (16.0 / 15.0 + s2 * (32.0 / 35.0 + s2 * (256.0 / 315.0 + s2 * (512.0 / 693.0 + s2 * 2048.0 / 3003.0))))
-        )
+        ratio = 256.0 / 315.0 + s2 * (512.0 / 693.0 + s2 * 2048.0 / 3003.0)
+        ratio = 2.0 + s2 * (4.0 / 3.0 + s2 * (16.0 / 15.0 + s2 * (32.0 / 35.0 + s2 * ratio)))
         scale = 1.0 + s2 * (0.5 + s2 * (0.375 + s2 * (0.3125 + s2 * (35.0 / 128.0 + s2 * (63.0 / 256.0)))))
     else:
         level = math.sqrt(w * w + z * z)
@@ -78,10 +76,8 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
         ratio = scale * _angle_over_sine(math.sqrt(s2), level)
     tz = z * scale
     z2 = tz * tz
-    if z2 < 0.04 and w > 0.0:
-        yaw = tz * _double_arcsine(z2)
-    else:
-        yaw = tz * _angle_over_sine(abs(tz), w * scale)
+    near = z2 < 0.04 and w > 0.0
+    yaw = tz * (_double_arcsine(z2) if near else _angle_over_sine(abs(tz), w * scale))
     return (x * w - y * z) * ratio, (y * w + x * z) * ratio, yaw, s2
 
 
@@ -116,6 +112,21 @@ def follow(f: Any, g: Any, dt_s: float) -> None:
 
 
 @kernel
+def turn_by(f: Any, yaw: float) -> None:
+    """Turn the attitude target about the vertical (`inertial_frame_reset`)."""
+    s = math.sin(0.5 * yaw)
+    c = math.cos(0.5 * yaw)
+    w = f.att[0]
+    x = f.att[1]
+    y = f.att[2]
+    z = f.att[3]
+    f.att[0] = c * w - s * z
+    f.att[1] = c * x - s * y
+    f.att[2] = c * y + s * x
+    f.att[3] = c * z + s * w
+
+
+@kernel
 def _shape(rate: float, wanted: float, accel: float, dt_s: float) -> float:
     """`input_shaping_ang_vel`: towards a rate, within an angular acceleration."""
     return rate + clamp(wanted - rate, -accel * dt_s, accel * dt_s)
@@ -146,9 +157,7 @@ def aim(f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, y
 
 
 @kernel
-def steer(
-    f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float
-) -> None:
+def steer(f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float) -> None:
     """Shape the attitude target towards an attitude; of its heading only the rate counts where `turning`."""
     ew, ex, ey, ez = rotation(f.att[0], f.att[1], f.att[2], f.att[3], w, x, y, z)
     roll, pitch, turn, _ = tilt_and_turn(ew, ex, ey, ez)
@@ -210,9 +219,7 @@ def _correct(error: float, p: float, linear: float, accel: float) -> float:
 @kernel
 def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
     """Body rates, rad/s (forward, left, up), that bring the attitude to its target and follow the target's own."""
-    w, x, y, z = rotation(
-        e.quat[0], e.quat[1], e.quat[2], e.quat[3], f.att[0], f.att[1], f.att[2], f.att[3]
-    )
+    w, x, y, z = rotation(e.quat[0], e.quat[1], e.quat[2], e.quat[3], f.att[0], f.att[1], f.att[2], f.att[3])
     roll, pitch, yaw, tilted = tilt_and_turn(w, x, y, z)
     f.tilt_half2 = tilted
     if abs(yaw) > g.yaw_error_max:  # the target does not run away from a nose that cannot follow
@@ -264,9 +271,7 @@ def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rat
         last = f.rate_err[axis]
         error = last + (f.target_rate[axis] - e.rate[axis] - last) * g.error_share[axis]
         f.rate_err[axis] = error
-        f.rate_i[axis] = clamp(
-            f.rate_i[axis] + g.rate_i[axis] * error * f.spool, -g.rate_imax[axis], g.rate_imax[axis]
-        )
+        f.rate_i[axis] = clamp(f.rate_i[axis] + g.rate_i[axis] * error * f.spool, -g.rate_imax[axis], g.rate_imax[axis])
         if axis < 2:
             f.rate_d[axis] += (error - last - f.rate_d[axis]) * g.d_share[axis]
     roll = g.rate_p[0] * f.rate_err[0] + f.rate_i[0] + g.rate_d[0] * f.rate_d[0]

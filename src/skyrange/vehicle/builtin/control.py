@@ -1,10 +1,10 @@
 """How does an aircraft follow its reference? ArduCopter's position control, from errors to a lean and a thrust.
 
-Gains, limits and structure are those of libraries/AC_AttitudeControl/AC_PosControl.cpp (`update_NE_controller`,
-`update_U_controller`, `handle_ekf_NE_reset`, `soften_for_landing_NE`) and AC_AttitudeControl_Multi.cpp
-(`get_throttle_boosted`, `get_throttle_avg_max`). Positions and velocities are controlled at 100 Hz (`gains.SLOW_S`), the
-vertical acceleration and the attitude at the loop's own rate. ArduCopter does all at 400 Hz; the velocity filters
-(5 Hz) and the input shaping (0.15 s) leave nothing between that is faster than 100 Hz.
+Gains, limits and structure are those of libraries/AC_AttitudeControl: AC_PosControl.cpp (`update_NE_controller`,
+`update_U_controller`, `soften_for_landing_NE`) and AC_AttitudeControl_Multi.cpp (`get_throttle_boosted`,
+`get_throttle_avg_max`). Positions and velocities are controlled at 100 Hz (`gains.SLOW_S`), the vertical acceleration
+and the attitude at the loop's own rate. ArduCopter does all at 400 Hz; the velocity filters (5 Hz) and the input
+shaping (0.15 s) leave nothing between that is faster than 100 Hz.
 """
 
 from __future__ import annotations
@@ -47,13 +47,8 @@ def horizontal(e: Any, f: Any, g: Any, correction_mps: float, dt_s: float) -> tu
     """The horizontal acceleration to ask for, m/s² (east, north), within the lean limit.
 
     Position error by a square-root controller to velocity (at most `correction_mps`), velocity error by a PID, plus
-    the reference's own velocity and acceleration. Where the position was reset, the reference moves with it.
+    the reference's own velocity and acceleration.
     """
-    if e.resets != f.resets:
-        f.resets = e.resets
-        for axis in range(2):
-            f.ref_pos[axis] = e.pos[axis] + f.pos_err[axis]
-            f.ref_vel[axis] = e.vel[axis] + f.vel_err[axis]
     f.pos_err[0] = f.ref_pos[0] - e.pos[0]
     f.pos_err[1] = f.ref_pos[1] - e.pos[1]
     want_e, want_n = sqrt_controller_xy(f.pos_err[0], f.pos_err[1], g.pos_p, f.accel_xy, dt_s)

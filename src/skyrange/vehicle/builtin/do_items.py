@@ -12,10 +12,10 @@ from typing import Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS, NS_PER_S, from_seconds
-from skyrange.vehicle.builtin import facing, places
+from skyrange.vehicle.builtin import facing, home, places
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot, Timer
-from skyrange.vehicle.builtin.item_kinds import NEAR, ROI, ROI_LOCATION, ROI_NONE, SET_HOME, SPEED, WAIT, YAW
 from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.mission_kinds import NEAR, ROI, ROI_LOCATION, ROI_NONE, SET_HOME, SPEED, WAIT, YAW
 from skyrange.vehicle.builtin.sequence import next_do
 
 _LOOK_NS = 20 * NS_PER_MS
@@ -123,7 +123,7 @@ def look_at(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, al
 def _set_home(fleet: Fleet, craft: Craft, slot: Slot) -> None:
     here = slot.param1 == 1.0 or (slot.x == 0 and slot.y == 0 and slot.z == 0.0)
     place = None if here else places.enu(fleet, craft, slot.frame, slot.x, slot.y, slot.z)
-    craft.home = fleet.position(craft) if place is None else place
+    home.set_home(fleet, craft, fleet.position(craft) if place is None else place, slot.causes)
 
 
 def clock_wait_s(fleet: Fleet, hour: float, minute: float, second: float) -> float:

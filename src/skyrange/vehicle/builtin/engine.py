@@ -15,7 +15,7 @@ import numpy as np
 
 from skyrange.agent.contracts import Finished, Sensors
 from skyrange.agent.messages import Arrival, Inbox, Outbox
-from skyrange.codec.mavlink import Packer, decode, dialect
+from skyrange.codec.mavlink import decode, dialect
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.geodesy import Origin
@@ -24,6 +24,7 @@ from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
 from skyrange.vehicle.builtin import (
     commands,
     do_items,
+    fence,
     gains,
     loop,
     mission_protocol,
@@ -35,11 +36,17 @@ from skyrange.vehicle.builtin import (
     targets,
 )
 from skyrange.vehicle.builtin.arming import disarm, idle_end
+from skyrange.vehicle.builtin.commands import flying
+from skyrange.vehicle.builtin.estimation import resets
+from skyrange.vehicle.builtin.estimation.estimator import Estimator
+from skyrange.vehicle.builtin.failsafes import crash, ground_station, service
 from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Flag, zeros
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.parameters import SETTINGS, fill
-from skyrange.vehicle.builtin.telemetry import SERVICE_NS, STREAMS, Schedule, boot_rates
+from skyrange.vehicle.builtin.numbering import RowPacker
+from skyrange.vehicle.builtin.parameters import PARAMETERS, SETTINGS, fill
+from skyrange.vehicle.builtin.telemetry import streams, timesync
+from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
@@ -51,6 +58,7 @@ PHASE_STREAM = "vehicle.boot_phase"
 Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
 _ID = dialect
 _HANDLERS: dict[int, Handler] = {
+    _ID.MAVLINK_MSG_ID_HEARTBEAT: ground_station.on_heartbeat,
     _ID.MAVLINK_MSG_ID_MISSION_COUNT: mission_protocol.on_count,
     _ID.MAVLINK_MSG_ID_MISSION_ITEM_INT: mission_protocol.on_item,
     _ID.MAVLINK_MSG_ID_MISSION_ITEM: mission_protocol.on_item,
@@ -68,8 +76,10 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: parameter_protocol.on_list,
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_read,
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
+    _ID.MAVLINK_MSG_ID_TIMESYNC: timesync.on_timesync,
 }
 _COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
+_RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)
 _FLAGS = tuple(Flag)
 
 
@@ -93,10 +103,12 @@ class BuiltinFleet:
         estimate, flight = zeros(ESTIMATE, count), zeros(FLIGHT, count)
         settings = np.zeros(count, dtype=SETTINGS)
         crafts = []
+        sequences, stored = np.zeros(count, dtype=np.int64), np.zeros((count, len(PARAMETERS)))
         for row, spec in enumerate(specs):
-            fill(settings, row, spec.vehicle, AIRFRAMES[spec.airframe], spec.system_id, spec.params)
+            airframe = AIRFRAMES[spec.airframe]
+            stored[row] = fill(settings, row, spec.vehicle, airframe, spec.system_id, spec.params)
             port = Port(endpoint(spec.vehicle, "autopilot"), link_name("autopilot", spec.vehicle))
-            packer = Packer(spec.system_id, COMPONENT)
+            packer = RowPacker(spec.system_id, COMPONENT, sequences, row)
             crafts.append(Craft(spec.vehicle, row, spec.system_id, port, packer, spec.home_enu_m))
             estimate["pos"][row] = spec.home_enu_m
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
@@ -104,14 +116,18 @@ class BuiltinFleet:
         self.ports = [craft.port for craft in crafts]
         self._by_port = {craft.port: craft for craft in crafts}
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
+        self._estimator = Estimator(count, origin)
+        self._fleet.stored[:] = stored
         for row, spec in enumerate(specs):
             gains.mixing(self._fleet.gains, row, AIRFRAMES[spec.airframe])
             sticks_in.place(self._fleet, crafts[row])
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
         self._schedule = Schedule(np.array(phases, dtype=np.int64))
         for craft in crafts:
-            boot_rates(self._schedule, self._fleet, craft)
+            streams.boot_rates(self._schedule, self._fleet, craft)
+            service.boot(self._fleet, craft)
         self._actuators = np.zeros((count, MOTORS))
+        self._fleet.actuators = self._actuators
         self._last: Time | None = None
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
@@ -119,25 +135,17 @@ class BuiltinFleet:
         fleet = self._fleet
         fleet.now = tick
         fleet.outbox = Outbox()
-        loop.ideal_estimate(
-            sensors.gyro_radps,
-            sensors.accel_mps2,
-            sensors.attitude,
-            sensors.gnss_enu_m,
-            sensors.gnss_vel_enu_mps,
-            sensors.rangefinder_m,
-            fleet.estimate,
-        )
-        for arrival in inbox:
-            self._receive(arrival)
         dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
         self._last = tick
-        if loop.turn(
-            fleet.estimate, fleet.flight, fleet.legs, fleet.gains, fleet.settings, self._actuators, dt_s
-        ):
+        if self._estimator.update(tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], fleet.settings):
+            resets.tell(fleet, self._estimator.filters)
+        for arrival in inbox:
+            self._receive(arrival)
+        if loop.turn(fleet.estimate, fleet.flight, fleet.legs, fleet.gains, fleet.settings, self._actuators, dt_s):
             self._act_on_flags()
         if tick % SERVICE_NS == 0:
             self._act_on_timers(tick)
+            service.serve(fleet, self._actuators)
             self._schedule.send_due(fleet)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
@@ -157,6 +165,9 @@ class BuiltinFleet:
         partner = (message.get_srcSystem(), message.get_srcComponent())
         if partner == (craft.system_id, COMPONENT):
             return  # an echo of our own
+        if _refuses(fleet, craft, message, partner[0]):
+            craft.ignored += 1
+            return
         # no other component is on board, so one that is named but unknown is taken as this one
         addressee = getattr(message, "target_system", getattr(message, "target", craft.system_id))
         if addressee not in (0, craft.system_id):
@@ -170,21 +181,9 @@ class BuiltinFleet:
         elif number in _COMMANDS:
             commands.on_command(fleet, self._schedule, craft, message, partner, causes)
         elif number == _ID.MAVLINK_MSG_ID_SET_MODE:
-            result = commands.mode_result(fleet, craft, message.base_mode, message.custom_mode, causes)
-            ack = dialect.MAVLink_command_ack_message(_ID.MAVLINK_MSG_ID_SET_MODE, result, 0, 0, *partner)
-            fleet.send(craft, ack, causes)
+            flying.choose_mode(fleet, craft, message.base_mode, message.custom_mode, causes)  # never acknowledged
         elif number == _ID.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
-            self._set_stream(craft, message)
-
-    def _set_stream(self, craft: Craft, message: Any) -> None:
-        """REQUEST_DATA_STREAM: start or stop one stream, or all (0)."""
-        rate = message.req_message_rate if message.start_stop == 1 else 0
-        if message.start_stop > 1:
-            return
-        chosen = STREAMS if message.req_stream_id == 0 else (message.req_stream_id,)
-        for stream in chosen:
-            for number in STREAMS.get(stream, ("", ()))[1]:
-                self._schedule.set(craft.row, number, NS_PER_S // rate if rate else 0, self._fleet.now)
+            streams.on_request(fleet, self._schedule, craft, message)
 
     def _act_on_flags(self) -> None:
         """Let modes and missions know what the loop has seen."""
@@ -210,7 +209,16 @@ class BuiltinFleet:
                 _TIMERS[Timer(column)](fleet, craft)
 
 
+def _refuses(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
+    """Whether SYSID_ENFORCE keeps this sender out (`accept_packet`): all but its own components and ground station."""
+    if fleet.param(craft, "SYSID_ENFORCE") == 0.0 or message.get_msgId() in _RADIO:
+        return False
+    return system not in (craft.system_id, int(fleet.param(craft, "SYSID_MYGCS")))
+
+
 def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
+    if flag is Flag.CLIMBED:
+        fence.after_takeoff(fleet, craft)
     if flag is Flag.LIFTED:
         fleet.note("event.takeoff", craft, {}, craft.target_causes)
     elif flag is Flag.LANDED:
@@ -220,8 +228,7 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
         fleet.timer(craft, Timer.LANDED, fleet.now + spool_ns if settles else NEVER)
         fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
     elif flag is Flag.CRASHED:
-        fleet.text(craft, dialect.MAV_SEVERITY_EMERGENCY, "Crash: Disarming")
-        disarm(fleet, craft, "crash", ())
+        crash.crashed(fleet, craft)
     elif craft.mode == Mode.AUTO:
         navigator.on_flag(fleet, craft, flag)
     elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:

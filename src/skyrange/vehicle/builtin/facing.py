@@ -40,7 +40,7 @@ def kind(fleet: Fleet, craft: Craft) -> int:
 
 
 def keep_or_default(fleet: Fleet, craft: Craft) -> None:
-    """On the way to a waypoint: a region of interest stays looked at, and a fixed heading where nothing else turns it."""
+    """On the way to a waypoint: a region of interest stays looked at, a fixed heading where WP_YAW_BEHAVIOR is 0."""
     now = kind(fleet, craft)
     if now == Heading.ROI or (now == Heading.FIXED and fleet.param(craft, "WP_YAW_BEHAVIOR") == 0):
         return

@@ -15,11 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.messages import Outbox, Scalar
-from skyrange.codec.mavlink import Packer, dialect
+from skyrange.codec.mavlink import dialect
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
+from skyrange.vehicle.builtin.fence_zones import ZONES
 from skyrange.vehicle.builtin.layout import GAINS, LEGS, Control, Records, zeros
+from skyrange.vehicle.builtin.numbering import RowPacker
+from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
+from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
 
 Causes = tuple[FrameId, ...]
 COMPONENT = 1
@@ -75,6 +79,9 @@ class Upload:
     last: int = 0
     partner: tuple[int, int] = (0, 0)
     received_ns: Time = 0
+    asked_ns: Time = 0
+    items: list[Slot | None] = field(default_factory=list)
+    """What has come of a fence, which is put in force as a whole."""
 
 
 class MissionState(IntEnum):
@@ -107,14 +114,19 @@ class Craft:
     row: int
     system_id: int
     port: Port
-    packer: Packer
+    packer: RowPacker
     home: tuple[float, float, float]
     """East, north, up of home in metres."""
     mode: int = 0
     mode_causes: Causes = ()
+    mode_reason: str = ""
+    """Why the mode was chosen: ArduCopter's ModeReason in lower case."""
     mission: list[Slot] = field(default_factory=list)
     """Item 0 is a placeholder for home, as in ArduPilot."""
-    upload: Upload = field(default_factory=Upload)
+    fence: list[Slot] = field(default_factory=list)
+    rally: list[Slot] = field(default_factory=list)
+    uploads: list[Upload] = field(default_factory=lambda: [Upload(), Upload(), Upload()])
+    """By MAV_MISSION_TYPE: missions, fences and rally points are transferred apart."""
     mission_state: int = MissionState.NONE
     current: int = 0
     """Sequence number of the navigation item under way, 0 for none."""
@@ -123,6 +135,8 @@ class Craft:
     jumps: dict[int, int] = field(default_factory=dict)
     """How often each DO_JUMP has jumped."""
     stage: int = Stage.NONE
+    return_to: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the present return leads: home or a rally point."""
     ready: bool = False
     """Allowed to leave the ground (ArduPilot's `auto_armed`)."""
     target_causes: Causes = ()
@@ -137,6 +151,12 @@ class Craft:
     params_next: int = 0
     bad_frames: int = 0
     ignored: int = 0
+    home_locked: bool = False
+    """Home was set by command: arming does not move it."""
+    erased: bool = False
+    """Its parameters were erased, which the next boot shows."""
+    unsaved: dict[int, float] = field(default_factory=dict)
+    """Parameters (by index) that were changed only until the next boot, and what they are then."""
 
     @property
     def sees_mission(self) -> bool:
@@ -158,11 +178,24 @@ class Fleet:
         self.settings = settings
         self.legs = zeros(LEGS, len(crafts))
         self.gains = zeros(GAINS, len(crafts))
+        self.power: Records = np.zeros(len(crafts), dtype=POWER)
+        self.boundary: Records = np.zeros(len(crafts), dtype=BOUNDARY)
+        self.zones: Records = np.zeros(len(crafts), dtype=ZONES)
+        self.watch: Records = np.zeros(len(crafts), dtype=WATCH)
         self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
         self.now: Time = 0
         self.outbox = Outbox()
-        self._lat_lon: dict[int, tuple[int, int]] = {}
-        self._lat_lon_at: Time = NEVER
+        count = len(crafts)
+        self.actuators: NDArray[np.float64] = np.zeros((count, 4))
+        """(n, motors) the last commands, 0…1."""
+        self.stored: NDArray[np.float64] = np.zeros((count, len(PARAMETERS)))
+        """(n, parameters) what was written to each parameter; `param` and `settings` hold it inside its range."""
+        self.sequences: NDArray[np.int64] = crafts[0].packer.sequences
+        """(n,) the next frame's number."""
+        self.systems: NDArray[np.int64] = np.array([craft.system_id for craft in crafts], dtype=np.int64)
+        """(n,) MAVLink system ids in use."""
+        self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        """(n,) when each was switched on."""
 
     def send(self, craft: Craft, message: Any, causes: Causes = ()) -> None:
         """Pack and send one message from a craft."""
@@ -181,8 +214,9 @@ class Fleet:
         self.timers[craft.row, timer] = at
 
     def param(self, craft: Craft, name: str) -> float:
-        """A parameter's value in its own unit."""
-        return float(self.settings[name][craft.row])
+        """A parameter's value in its own unit, inside its range."""
+        index = INDEX[name]
+        return min(max(float(self.stored[craft.row, index]), float(LOW[index])), float(HIGH[index]))
 
     def armed(self, craft: Craft) -> bool:
         """Whether the motors may turn."""
@@ -201,22 +235,6 @@ class Fleet:
         east, north, up = self.estimate["pos"][craft.row].tolist()
         return east, north, up
 
-    def locate(self, rows: NDArray[np.int64]) -> None:
-        """Work out latitude and longitude of some rows, for `lat_lon_e7` at this moment."""
-        if self._lat_lon_at != self.now:
-            self._lat_lon.clear()
-            self._lat_lon_at = self.now
-        here = self.estimate["pos"][rows]
-        lat, lon = self.origin.to_geodetic(here[:, 0].copy(), here[:, 1].copy())
-        lat_e7, lon_e7 = np.rint(lat * 1e7).astype(int).tolist(), np.rint(lon * 1e7).astype(int).tolist()
-        self._lat_lon.update(zip(rows.tolist(), zip(lat_e7, lon_e7, strict=True), strict=True))
-
-    def lat_lon_e7(self, craft: Craft) -> tuple[int, int]:
-        """Latitude and longitude in 1e-7 degrees, as believed now."""
-        if self._lat_lon_at != self.now or craft.row not in self._lat_lon:
-            self.locate(np.array([craft.row]))
-        return self._lat_lon[craft.row]
-
     def limits(self, craft: Craft) -> None:
         """Speeds and accelerations as the WPNAV parameters say: what every mode starts from."""
         row, flight = craft.row, self.flight
@@ -233,3 +251,5 @@ class Fleet:
         self.flight["control"][row] = control
         self.flight["target_vel"][row] = target_vel
         self.flight["target_acc"][row] = 0.0
+        self.flight["pause_s"][row] = 0.0
+        self.flight["blind"][row] = 0

@@ -14,8 +14,19 @@ from skyrange.core.time import NS_PER_MS, from_seconds
 from skyrange.vehicle.builtin import do_items, facing, loop, places, returning, wpnav
 from skyrange.vehicle.builtin.arming import take_off
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot, Stage, Timer
-from skyrange.vehicle.builtin.item_kinds import DELAY, LAND, RTL, SPLINE, TAKEOFF, TIME, TO_ALT, TURNS, UNLIM, WAYPOINT
 from skyrange.vehicle.builtin.layout import Control, Flag, Heading
+from skyrange.vehicle.builtin.mission_kinds import (
+    DELAY,
+    LAND,
+    RTL,
+    SPLINE,
+    TAKEOFF,
+    TIME,
+    TO_ALT,
+    TURNS,
+    UNLIM,
+    WAYPOINT,
+)
 
 _JOINED = frozenset((WAYPOINT, UNLIM, TIME))
 """Items that a leg goes on to without a stop (set_next_wp)."""
@@ -98,9 +109,7 @@ def _fly_to(fleet: Fleet, craft: Craft, goal: Vector) -> None:
     craft.stage = Stage.TRANSIT if craft.stage == Stage.TRANSIT else Stage.NONE
 
 
-def _join(
-    fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | None, then: Slot | None
-) -> None:
+def _join(fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | None, then: Slot | None) -> None:
     """Go on to the item behind without a stop, where neither a wait nor another datum is between (set_next_wp)."""
     if slot.param1 > 0.0 or after is None:
         return

@@ -1,4 +1,4 @@
-"""What do the parameters mean to the fast loop? Filter coefficients, limits and the mixer's table, worked out now and then.
+"""What do the parameters mean to the fast loop? Filter shares, limits, the mixer's table.
 
 A parameter that changes in flight acts within `TUNE_S`.
 """
@@ -29,7 +29,7 @@ _YAW_ERROR_MAX = math.radians(45.0)
 
 @kernel
 def share(hz: float, dt_s: float) -> float:
-    """The share of a new value in one step of ArduPilot's first-order filter (Filter/LowPassFilter.cpp); 0 Hz is none."""
+    """The share of a new value in one step of a first-order filter (Filter/LowPassFilter.cpp); 0 Hz is none."""
     if hz <= 0.0:
         return 1.0
     return dt_s / (dt_s + 1.0 / (2.0 * math.pi * hz))

@@ -44,7 +44,7 @@ _TURN_ACCEL_MIN = math.radians(2.0)  # AC_CIRCLE_ANGULAR_ACCEL_MIN
 
 @kernel
 def _advance_level(e: Any, f: Any, dt_s: float) -> None:
-    """Move the reference on over the ground; not farther away while the lean is at its limit (`update_pos_vel_accel_xy`)."""
+    """Move the reference over the ground; no farther away with the lean at its limit (`update_pos_vel_accel_xy`)."""
     d_e = f.ref_vel[0] * dt_s + 0.5 * f.ref_acc[0] * dt_s * dt_s
     d_n = f.ref_vel[1] * dt_s + 0.5 * f.ref_acc[1] * dt_s * dt_s
     limited = f.limit[0] != 0.0 or f.limit[1] != 0.0
@@ -175,6 +175,15 @@ def _altitude(e: Any, f: Any, p: Any, dt_s: float) -> None:
 
 
 @kernel
+def _drift(e: Any, f: Any) -> None:
+    """Without a position to hold, the reference goes where the aircraft is believed to go."""
+    for axis in range(2):
+        f.ref_pos[axis] = e.pos[axis]
+        f.ref_vel[axis] = e.vel[axis]
+        f.ref_acc[axis] = 0.0
+
+
+@kernel
 def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
     """Move the reference of one flying aircraft by one step, according to its control."""
     control = f.control
@@ -195,16 +204,18 @@ def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
             f.target_vel[axis] += f.target_acc[axis] * dt_s
     elif control == _ACCEL:
         _advance_level(e, f, dt_s)
-        step_e, step_n = limit_xy(
-            f.target_acc[0] - f.ref_acc[0], f.target_acc[1] - f.ref_acc[1], p.PSC_JERK_XY * dt_s
-        )
+        step_e, step_n = limit_xy(f.target_acc[0] - f.ref_acc[0], f.target_acc[1] - f.ref_acc[1], p.PSC_JERK_XY * dt_s)
         f.ref_acc[0] += step_e
         f.ref_acc[1] += step_n
         _advance_up(e, f, dt_s)
         f.ref_acc[2] += clamp(f.target_acc[2] - f.ref_acc[2], -p.PSC_JERK_Z * dt_s, p.PSC_JERK_Z * dt_s)
     elif control == _LAND:
-        _level(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
-        _up(e, f, p, _land_rate(e, f, p, dt_s), 0.0, dt_s)
+        if f.blind == 1:
+            _drift(e, f)
+        else:
+            _level(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
+        f.pause_s = max(f.pause_s - dt_s, 0.0)
+        _up(e, f, p, 0.0 if f.pause_s > 0.0 else _land_rate(e, f, p, dt_s), 0.0, dt_s)
     elif control == _TAKEOFF:
         _level(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
         want = approach_velocity(f.target_pos[2] - f.ref_pos[2], f.accel_z, p.PSC_JERK_Z, dt_s)

@@ -1,39 +1,59 @@
-"""Which mission items are there? The MAV_CMDs that are flown, by what kind of item they are."""
+"""What does the mission protocol have to know of a kind of item? Missions, fences and rally points each fill this in.
+
+ArduPilot's `MissionItemProtocol` is the base of three classes with these very questions (libraries/GCS_MAVLink).
+"""
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
 
-WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
-SPLINE: Final = dialect.MAV_CMD_NAV_SPLINE_WAYPOINT
-UNLIM: Final = dialect.MAV_CMD_NAV_LOITER_UNLIM
-TURNS: Final = dialect.MAV_CMD_NAV_LOITER_TURNS
-TIME: Final = dialect.MAV_CMD_NAV_LOITER_TIME
-TO_ALT: Final = dialect.MAV_CMD_NAV_LOITER_TO_ALT
-DELAY: Final = dialect.MAV_CMD_NAV_DELAY
-RTL: Final = dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH
-LAND: Final = dialect.MAV_CMD_NAV_LAND
-TAKEOFF: Final = dialect.MAV_CMD_NAV_TAKEOFF
-NAVIGATION: Final = frozenset((WAYPOINT, SPLINE, UNLIM, TURNS, TIME, TO_ALT, DELAY, RTL, LAND, TAKEOFF))
-"""Items that take time and are flown one after another."""
+Partner = tuple[int, int]
+"""System and component of who is spoken to."""
 
-JUMP: Final = dialect.MAV_CMD_DO_JUMP
-SPEED: Final = dialect.MAV_CMD_DO_CHANGE_SPEED
-SET_HOME: Final = dialect.MAV_CMD_DO_SET_HOME
-LAND_START: Final = dialect.MAV_CMD_DO_LAND_START
-ROI: Final = dialect.MAV_CMD_DO_SET_ROI
-ROI_LOCATION: Final = dialect.MAV_CMD_DO_SET_ROI_LOCATION
-ROI_NONE: Final = dialect.MAV_CMD_DO_SET_ROI_NONE
-WAIT: Final = dialect.MAV_CMD_CONDITION_DELAY
-NEAR: Final = dialect.MAV_CMD_CONDITION_DISTANCE
-YAW: Final = dialect.MAV_CMD_CONDITION_YAW
-CONDITIONS: Final = frozenset((WAIT, NEAR, YAW))
-"""Items that those behind them wait for."""
 
-LOCATED: Final = frozenset(
-    (WAYPOINT, SPLINE, UNLIM, TURNS, TIME, TO_ALT, LAND, TAKEOFF, SET_HOME, LAND_START, ROI, ROI_LOCATION, ROI_NONE)
-)
-"""Items that are stored with a place (AP_Mission::stored_in_location)."""
-SUPPORTED: Final = LOCATED | CONDITIONS | {DELAY, RTL, JUMP, SPEED}
+_BEYOND = 200.0  # degrees
+
+
+class ItemKind(NamedTuple):
+    """One MAV_MISSION_TYPE. Results are MAV_MISSION_RESULTs."""
+
+    number: int
+    most: int
+    """Items that fit."""
+    timeout: str
+    """What is said when an upload is given up."""
+    items: Callable[[Craft], list[Slot]]
+    """What is stored."""
+    begin: Callable[[Craft, Upload, int | None], None]
+    """An upload of so many items starts, or (`None`) one of a part of those that there are."""
+    put: Callable[[Craft, Upload, Any, Causes], int]
+    """Take one item of it."""
+    complete: Callable[[Fleet, Craft, Upload, Causes], int]
+    """All are there."""
+    stopped: Callable[[Fleet, Craft], None]
+    """An upload was given up."""
+    message: Callable[[Fleet, Craft, int, Partner, bool], Any]
+    """One item as MISSION_ITEM_INT (`True`) or MISSION_ITEM; `None` where there is none of that number."""
+    clear: Callable[[Fleet, Craft, Causes], bool]
+    """Forget all; `False` where that is refused."""
+
+
+def plain_message(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
+    """A stored item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; param1 is its only parameter."""
+    head = (*partner, seq, slot.frame, slot.command, 0, 0, slot.param1, 0.0, 0.0, 0.0)
+    if whole:
+        return dialect.MAVLink_mission_item_int_message(*head, slot.x, slot.y, slot.z, kind)
+    return dialect.MAVLink_mission_item_message(*head, slot.x * 1e-7, slot.y * 1e-7, slot.z, kind)
+
+
+def lat_lon_e7(message: Any) -> tuple[int, int]:
+    """Latitude and longitude of an item in 1e-7 degrees; beyond any place on Earth where they are not numbers."""
+    if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT:
+        return message.x, message.y
+    lat, lon = (value if math.isfinite(value) and abs(value) < _BEYOND else _BEYOND for value in (message.x, message.y))
+    return round(lat * 1e7), round(lon * 1e7)

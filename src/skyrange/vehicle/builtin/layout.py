@@ -30,7 +30,26 @@ ESTIMATE: Final = np.dtype(
         ("pitch", "f8"),  # FLU: nose down positive
         ("yaw", "f8"),
         ("height", "f8"),  # m above the ground below
-        ("resets", "i8"),  # how often the horizontal position has been reset
+        # the estimator's own account, as EKF_STATUS_REPORT has it
+        ("status", "i8"),  # MAVLink's EKF_STATUS_FLAGS
+        ("vel_ratio", "f8"),  # normalised innovations: above 1 is outside the gate
+        ("pos_ratio", "f8"),
+        ("hgt_ratio", "f8"),
+        ("mag_ratio", "f8"),
+        ("dead_reckoning", "i8"),  # 1 while horizontal aiding is lost and position is extrapolated
+        ("resets", "i8"),  # horizontal position resets so far
+        # what the sensors said last: the receiver, not the estimate
+        ("gnss_fix", "i8"),  # MAVLink's GPS_FIX_TYPE
+        ("gnss_sats", "i8"),
+        ("gnss_hdop", "f8"),
+        ("gnss_pos", "f8", (3,)),
+        ("gnss_vel", "f8", (3,)),
+        ("gnss_age_s", "f8"),  # since the last fix came
+        ("baro_up", "f8"),
+        ("compass", "f8", (3,)),  # gauss, body
+        ("battery_v", "f8"),
+        ("battery_a", "f8"),
+        ("imu_accel", "f8", (3,)),  # m/s², body, specific force
     ]
 )
 
@@ -152,7 +171,6 @@ FLIGHT: Final = np.dtype(
         # controllers' memory
         ("pos_err", "f8", (2,)),
         ("limit", "f8", (2,)),  # the acceleration asked for where the lean limit cut it, else 0
-        ("resets", "i8"),
         ("vel_err", "f8", (2,)),
         ("vel_d", "f8", (2,)),
         ("vel_i", "f8", (2,)),
@@ -164,6 +182,9 @@ FLIGHT: Final = np.dtype(
         ("land_accel", "f8", (3,)),
         ("land_s", "f8"),
         ("crash_s", "f8"),
+        # landing on a failsafe
+        ("pause_s", "f8"),  # hold the height for so long before the descent
+        ("blind", "i8"),  # without a position: level, drifting with the wind
     ]
 )
 
@@ -291,4 +312,15 @@ def zeros(dtype: np.dtype[Any], count: int) -> Records:
         rows["want_quat"][:, 0] = 1.0
         rows["slow_s"] = 1e9  # work everything out in the first turn
         rows["tune_s"] = 1e9
+        healthy(rows)
     return rows
+
+
+def healthy(estimate: Records) -> None:
+    """What a good receiver, a settled estimator and a full battery say."""
+    estimate["status"] = 1 | 2 | 4 | 8 | 16 | 32 | 64 | 256 | 512
+    estimate["gnss_fix"] = 6
+    estimate["gnss_sats"] = 10
+    estimate["gnss_hdop"] = 1.21
+    estimate["battery_v"] = 12.6
+    estimate["compass"] = (0.0, 0.25, -0.4)

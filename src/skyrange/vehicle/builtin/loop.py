@@ -1,7 +1,7 @@
-"""What happens in one turn of the main loop, for every aircraft? Estimate, guide, control, detect landing.
+"""What happens in one turn of the main loop, for every aircraft? Guide, control, detect landing.
 
-Two kernels over all rows: `ideal_estimate` (the seam for an estimator) and `turn`. Attitude and thrust are controlled
-in each turn; guidance, position control and the detectors run every `gains.SLOW_S`.
+One kernel over all rows, `turn`, after the estimator has said where each aircraft believes to be. Attitude and thrust
+are controlled in each turn; guidance, position control and the landing detector run every `gains.SLOW_S`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 from skyrange.agent.contracts import Floats
 from skyrange.core.compiled import kernel
 from skyrange.vehicle.builtin import attitude, gains, sticks
-from skyrange.vehicle.builtin.gains import GRAVITY_MPS2, SLOW_S
 from skyrange.vehicle.builtin.control import climb, horizontal, lift, relax, turn_motors
+from skyrange.vehicle.builtin.gains import SLOW_S
 from skyrange.vehicle.builtin.guidance import guide
 from skyrange.vehicle.builtin.heading import turn as turn_nose
 from skyrange.vehicle.builtin.layout import Control, Flag, Heading, Records
@@ -48,43 +48,6 @@ _EARLY_S = 1e-9  # what rounding may take off a sum of steps
 
 
 @kernel
-def ideal_estimate(
-    gyro: Floats,
-    accel: Floats,
-    attitude: Floats,
-    position: Floats,
-    velocity: Floats,
-    rangefinder: Floats,
-    estimate: Records,
-) -> None:
-    """Believe the sensors: position and velocity from GNSS, attitude as given, height from the rangefinder."""
-    for i in range(estimate.shape[0]):
-        e: Any = estimate[i]
-        w = attitude[i, 0]
-        x = attitude[i, 1]
-        y = attitude[i, 2]
-        z = attitude[i, 3]
-        for axis in range(3):
-            e.pos[axis] = position[i, axis]
-            e.vel[axis] = velocity[i, axis]
-            e.rate[axis] = gyro[i, axis]
-        e.quat[0] = w
-        e.quat[1] = x
-        e.quat[2] = y
-        e.quat[3] = z
-        a = accel[i, 0]
-        b = accel[i, 1]
-        c = accel[i, 2]
-        e.accel[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
-        e.accel[1] = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
-        e.accel[2] = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c - GRAVITY_MPS2
-        e.roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-        e.pitch = math.asin(min(max(2 * (w * y - z * x), -1.0), 1.0))
-        e.yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        e.height = rangefinder[i]
-
-
-@kernel
 def take_reference(e: Any, f: Any) -> None:
     """Put the reference where the aircraft is, moving and pointing as it does."""
     for axis in range(3):
@@ -95,7 +58,6 @@ def take_reference(e: Any, f: Any) -> None:
     f.lean[1] = e.pitch
     f.lean_rate[0] = 0.0
     f.lean_rate[1] = 0.0
-    f.resets = e.resets
     attitude.start(e, f)
 
 
@@ -235,7 +197,7 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
     if control != _STABILIZE:
         climb(e, f, g, dt_s)
     most = p.ANGLE_MAX * _CDEG
-    if control == _STABILIZE or control == _ALT_HOLD:
+    if control in (_STABILIZE, _ALT_HOLD):
         forward, left = sticks.lean(e, f, most, most)
         acc_e, acc_n = sticks.to_local(e, forward, left)
         attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
@@ -256,7 +218,10 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
         attitude.follow(f, g, dt_s)
         return
     correction = sticks.CORRECTION_MPS if control == _LOITER else max(f.speed_xy, 1.0)
-    acc_e, acc_n = horizontal(e, f, g, correction, dt_s)
+    if f.blind == 1:  # level, drifting with the wind
+        acc_e, acc_n = 0.0, 0.0
+    else:
+        acc_e, acc_n = horizontal(e, f, g, correction, dt_s)
     if control == _LOITER:
         attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
         return
@@ -313,8 +278,14 @@ def turn(
                     attitude.advance(f, dt_s)
                 else:
                     attitude.start_at(e, f)
-                turn_motors(e, f, g, out, control == _LAND and e.height < _LAND_HEIGHT_M,
-                            control == _ATTITUDE and f.rates_only == 1)
+                turn_motors(
+                    e,
+                    f,
+                    g,
+                    out,
+                    control == _LAND and e.height < _LAND_HEIGHT_M,
+                    control == _ATTITUDE and f.rates_only == 1,
+                )
             elif sticks.throttle_zero(f, dt_s):
                 f.throttle = 0.0
                 f.rate_i[0] = 0.0

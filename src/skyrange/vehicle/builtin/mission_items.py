@@ -13,7 +13,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot
-from skyrange.vehicle.builtin.item_kinds import (
+from skyrange.vehicle.builtin.mission_kinds import (
     DELAY,
     JUMP,
     LAND,

@@ -1,9 +1,9 @@
-"""How do missions get in and out? The server side of https://mavlink.io/en/services/mission.html, as ArduPilot does it.
+"""How do missions, fences and rally points get in and out? The server side of the mission protocol, as in ArduPilot.
 
-After libraries/GCS_MAVLink/MissionItemProtocol.cpp, with what it does beyond or beside the standard: items are
-asked for with MISSION_REQUEST (ground stations answer with MISSION_ITEM_INT), they are stored as they come (a
-failed upload leaves the first part), a request is repeated after 1 s and given up after 8 s, and while one ground
-station uploads, another is denied.
+After libraries/GCS_MAVLink/MissionItemProtocol.cpp, with what it does beyond or beside https://mavlink.io/en/services/mission.html:
+items are asked for with MISSION_REQUEST (ground stations answer with MISSION_ITEM_INT), those of a mission are stored
+as they come (a failed upload leaves the first part), a request is repeated after 1 s and given up after 8 s, and while
+one ground station uploads, another is denied. What an item means is its kind's business (`item_kinds`).
 """
 
 from __future__ import annotations
@@ -11,127 +11,29 @@ from __future__ import annotations
 from typing import Any
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.time import NS_PER_S
+from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.vehicle.builtin import navigator
+from skyrange.vehicle.builtin.fence_items import FENCE
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
-from skyrange.vehicle.builtin.item_kinds import JUMP
+from skyrange.vehicle.builtin.item_kinds import ItemKind, Partner
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
+from skyrange.vehicle.builtin.mission_kinds import JUMP
 from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.rally import RALLY
 
 MAX_ITEMS = 650
 """Items that fit with home: (2422 + 2132 + 5204 − 4) / 15 bytes of ArduCopter's 16 KiB storage
 (StorageManager.cpp, 15 areas; AP_Mission's AP_MISSION_EEPROM_COMMAND_SIZE)."""
 RETRY_NS = NS_PER_S
 GIVE_UP_NS = 8 * NS_PER_S
-_MISSION = dialect.MAV_MISSION_TYPE_MISSION
-_ALL = dialect.MAV_MISSION_TYPE_ALL
-
-Partner = tuple[int, int]
 
 
-def _ack(fleet: Fleet, craft: Craft, partner: Partner, result: int, kind: int = _MISSION, causes: Causes = ()) -> None:
-    fleet.send(craft, dialect.MAVLink_mission_ack_message(*partner, result, kind), causes)
+def _begin(craft: Craft, upload: Upload, count: int | None) -> None:
+    if count is not None:
+        del craft.mission[count:]
 
 
-def _foreign(fleet: Fleet, craft: Craft, message: Any, partner: Partner) -> bool:
-    """Whether the message is about fence or rally points, which are not kept here; says so."""
-    if message.mission_type == _MISSION:
-        return False
-    _ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)
-    return True
-
-
-def _busy(fleet: Fleet, craft: Craft, partner: Partner) -> bool:
-    """Whether an upload is under way, which a download or partial write must not disturb; says so."""
-    if craft.upload.active:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED)
-    return craft.upload.active
-
-
-def _cancel(fleet: Fleet, craft: Craft, partner: Partner) -> bool:
-    """End a running upload if it is the partner's own; `False` and a denial where it is another's."""
-    if craft.upload.active and craft.upload.partner != partner:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED)
-        return False
-    _end(fleet, craft)
-    return True
-
-
-def _end(fleet: Fleet, craft: Craft) -> None:
-    craft.upload = Upload()
-    fleet.timer(craft, Timer.UPLOAD)
-
-
-def _request(fleet: Fleet, craft: Craft) -> None:
-    """Ask for the item that is due."""
-    upload = craft.upload
-    fleet.send(craft, dialect.MAVLink_mission_request_message(*upload.partner, upload.next, _MISSION))
-    fleet.timer(craft, Timer.UPLOAD, fleet.now + RETRY_NS)
-
-
-def _open(fleet: Fleet, craft: Craft, partner: Partner, first: int, last: int) -> None:
-    craft.upload = Upload(True, first, last, partner, fleet.now)
-    _request(fleet, craft)
-
-
-def on_count(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_COUNT: a new mission is coming. What lies beyond its end goes at once."""
-    if _foreign(fleet, craft, message, partner) or not _cancel(fleet, craft, partner):
-        return
-    if message.count > MAX_ITEMS:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_NO_SPACE)
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Only {MAX_ITEMS} items are supported")
-        return
-    del craft.mission[message.count :]
-    if message.count == 0:
-        _complete(fleet, craft, partner, causes)
-    else:
-        _open(fleet, craft, partner, 0, message.count - 1)
-
-
-def on_write_partial(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_WRITE_PARTIAL_LIST: items from start to end are coming, the rest stays."""
-    if _foreign(fleet, craft, message, partner) or _busy(fleet, craft, partner):
-        return
-    count = len(craft.mission)
-    if not 0 <= message.start_index <= message.end_index <= count:
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Flight plan update rejected")
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR)
-        return
-    _open(fleet, craft, partner, message.start_index, message.end_index)
-
-
-def on_item(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_ITEM_INT or MISSION_ITEM: the item asked for, or a guided waypoint of the old kind (not supported)."""
-    upload = craft.upload
-    if _foreign(fleet, craft, message, partner):
-        return
-    if not upload.active:
-        if message.current in (2, 3):  # the old way to send a guided target: SET_POSITION_TARGET_… is the new
-            _ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED)
-        else:
-            _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR)
-        return
-    if message.seq != upload.next:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE)
-        return
-    if partner != upload.partner:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED)
-        return
-    result = _store(craft, message, causes)
-    if result != ACCEPTED:
-        _end(fleet, craft)
-        _ack(fleet, craft, partner, result)
-        return
-    upload.received_ns = fleet.now
-    upload.next += 1
-    if upload.next > upload.last:
-        _complete(fleet, craft, partner, causes)
-    else:
-        _request(fleet, craft)
-
-
-def _store(craft: Craft, message: Any, causes: Causes) -> int:
+def _put(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
     """Put an item in its place, replacing or appending; the result code."""
     result, slot = slot_of(message, causes)
     if slot is None:
@@ -139,7 +41,7 @@ def _store(craft: Craft, message: Any, causes: Causes) -> int:
     count = len(craft.mission)
     if slot.command == JUMP:
         target = int(slot.param1)
-        if target == 0 or (target >= count and target > craft.upload.last):
+        if target == 0 or (target >= count and target > upload.last):
             return int(dialect.MAV_MISSION_ERROR)
     if message.seq < count:
         craft.mission[message.seq] = slot
@@ -150,50 +52,201 @@ def _store(craft: Craft, message: Any, causes: Causes) -> int:
     return result
 
 
-def _complete(fleet: Fleet, craft: Craft, partner: Partner, causes: Causes) -> None:
+def _done(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
     """The mission is whole: say so, and let AUTO know."""
-    _end(fleet, craft)
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Flight plan received")
-    _ack(fleet, craft, partner, ACCEPTED, causes=causes)
     fleet.note("event.mission", craft, {"items": len(craft.mission)}, causes)
     navigator.changed(fleet, craft)
+    return int(ACCEPTED)
 
 
-def on_request_list(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_REQUEST_LIST: how many items there are."""
-    if _foreign(fleet, craft, message, partner) or _busy(fleet, craft, partner):
-        return
-    fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, len(craft.mission), _MISSION))
-
-
-def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_REQUEST_INT or MISSION_REQUEST: one item. Home can always be read; beyond the end the count is told."""
-    if _foreign(fleet, craft, message, partner) or _busy(fleet, craft, partner):
-        return
-    whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
-    if message.seq != 0 and message.seq >= len(craft.mission):
-        if whole:
-            fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, len(craft.mission), _MISSION))
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE)
-        return
-    fleet.send(craft, item_message(fleet, craft, message.seq, partner, whole))
-
-
-def on_clear_all(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_CLEAR_ALL: no mission. Armed, one that runs is kept (AP_Mission::clear)."""
-    if message.mission_type != _ALL and _foreign(fleet, craft, message, partner):
-        return
-    if not _cancel(fleet, craft, partner):
-        return
+def _clear(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+    """No mission. Armed, one that runs is kept (AP_Mission::clear)."""
     if fleet.armed(craft) and craft.mission_state == MissionState.ACTIVE:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, message.mission_type)
-        return
+        return False
     craft.mission.clear()
     navigator.changed(fleet, craft)
     navigator.reset(craft)
     craft.mission_state = MissionState.NONE
-    _ack(fleet, craft, partner, ACCEPTED, message.mission_type, causes)
     fleet.note("event.mission", craft, {"items": 0}, causes)
+    return True
+
+
+def _message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
+    """Home can always be read."""
+    return item_message(fleet, craft, seq, partner, whole) if seq == 0 or seq < len(craft.mission) else None
+
+
+_MISSION = ItemKind(
+    number=dialect.MAV_MISSION_TYPE_MISSION,
+    most=MAX_ITEMS,
+    timeout="Mission upload timeout",
+    items=lambda craft: craft.mission,
+    begin=_begin,
+    put=_put,
+    complete=_done,
+    stopped=navigator.changed,
+    message=_message,
+    clear=_clear,
+)
+KINDS = {kind.number: kind for kind in (_MISSION, FENCE, RALLY)}
+"""By MAV_MISSION_TYPE."""
+
+
+def _ack(fleet: Fleet, craft: Craft, partner: Partner, result: int, kind: int, causes: Causes = ()) -> None:
+    fleet.send(craft, dialect.MAVLink_mission_ack_message(*partner, result, kind), causes)
+
+
+def _kind(fleet: Fleet, craft: Craft, message: Any, partner: Partner) -> ItemKind | None:
+    """The kind of items that a message is about; one that is not known is refused."""
+    kind = KINDS.get(message.mission_type)
+    if kind is None:
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)
+    return kind
+
+
+def _busy(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
+    """Whether an upload is under way, which a download or partial write must not disturb; says so."""
+    busy = craft.uploads[kind.number].active
+    if busy:
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+    return busy
+
+
+def _cancel(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
+    """End a running upload if it is the partner's own; `False` and a denial where it is another's."""
+    upload = craft.uploads[kind.number]
+    if upload.active and upload.partner != partner:
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+        return False
+    _end(fleet, craft, kind)
+    return True
+
+
+def _end(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
+    craft.uploads[kind.number] = Upload()
+    _await(fleet, craft)
+
+
+def _await(fleet: Fleet, craft: Craft) -> None:
+    """Wake when the first of the items asked for is overdue."""
+    due = (upload.asked_ns + RETRY_NS for upload in craft.uploads if upload.active)
+    fleet.timer(craft, Timer.UPLOAD, min(due, default=NEVER))
+
+
+def _request(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
+    """Ask for the item that is due."""
+    upload = craft.uploads[kind.number]
+    fleet.send(craft, dialect.MAVLink_mission_request_message(*upload.partner, upload.next, kind.number))
+    upload.asked_ns = fleet.now
+    _await(fleet, craft)
+
+
+def _open(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, span: tuple[int, int], whole: bool) -> None:
+    """Start to ask for the items of a span, first and last."""
+    upload = Upload(True, span[0], span[1], partner, fleet.now)
+    craft.uploads[kind.number] = upload
+    kind.begin(craft, upload, span[1] + 1 if whole else None)
+    _request(fleet, craft, kind)
+
+
+def on_count(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+    """MISSION_COUNT: new items are coming. What lies beyond their end goes at once, of a mission or rally points."""
+    kind = _kind(fleet, craft, message, partner)
+    if kind is None or not _cancel(fleet, craft, partner, kind):
+        return
+    if message.count > kind.most:
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_NO_SPACE, kind.number)
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Only {kind.most} items are supported")
+    elif message.count == 0:
+        kind.begin(craft, craft.uploads[kind.number], 0)
+        _complete(fleet, craft, partner, kind, causes)
+    else:
+        _open(fleet, craft, partner, kind, (0, message.count - 1), True)
+
+
+def on_write_partial(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+    """MISSION_WRITE_PARTIAL_LIST: items from start to end are coming, the rest stays."""
+    kind = _kind(fleet, craft, message, partner)
+    if kind is None or _busy(fleet, craft, partner, kind):
+        return
+    if not 0 <= message.start_index <= message.end_index <= len(kind.items(craft)):
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Flight plan update rejected")
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
+        return
+    _open(fleet, craft, partner, kind, (message.start_index, message.end_index), False)
+
+
+def on_item(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+    """MISSION_ITEM_INT or MISSION_ITEM: the item asked for, or a guided waypoint of the old kind (not supported)."""
+    kind = _kind(fleet, craft, message, partner)
+    if kind is None:
+        return
+    upload = craft.uploads[kind.number]
+    if not upload.active:
+        if message.current in (2, 3):  # the old way to send a guided target: SET_POSITION_TARGET_… is the new
+            _ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED, kind.number)
+        else:
+            _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
+        return
+    if message.seq != upload.next:
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
+        return
+    if partner != upload.partner:
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+        return
+    result = kind.put(craft, upload, message, causes)
+    if result != ACCEPTED:
+        _end(fleet, craft, kind)
+        _ack(fleet, craft, partner, result, kind.number)
+        return
+    upload.received_ns = fleet.now
+    upload.next += 1
+    if upload.next > upload.last:
+        _complete(fleet, craft, partner, kind, causes)
+    else:
+        _request(fleet, craft, kind)
+
+
+def _complete(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, causes: Causes) -> None:
+    """All items are there."""
+    upload = craft.uploads[kind.number]
+    _end(fleet, craft, kind)
+    result = kind.complete(fleet, craft, upload, causes)
+    _ack(fleet, craft, partner, result, kind.number, causes)
+
+
+def on_request_list(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+    """MISSION_REQUEST_LIST: how many items there are."""
+    kind = _kind(fleet, craft, message, partner)
+    if kind is not None and not _busy(fleet, craft, partner, kind):
+        count = len(kind.items(craft))
+        fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, count, kind.number))
+
+
+def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+    """MISSION_REQUEST_INT or MISSION_REQUEST: one item. Beyond the end the count is told."""
+    kind = KINDS.get(message.mission_type)  # of an unknown kind there is no answer
+    if kind is None or _busy(fleet, craft, partner, kind):
+        return
+    whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
+    item = kind.message(fleet, craft, message.seq, partner, whole)
+    if item is None:
+        if whole:
+            count = len(kind.items(craft))
+            fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, count, kind.number))
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
+        return
+    fleet.send(craft, item)
+
+
+def on_clear_all(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+    """MISSION_CLEAR_ALL: no items of one kind; MAV_MISSION_TYPE_ALL is refused, as ArduPilot refuses it."""
+    kind = _kind(fleet, craft, message, partner)
+    if kind is None or not _cancel(fleet, craft, partner, kind):
+        return
+    result = ACCEPTED if kind.clear(fleet, craft, causes) else dialect.MAV_MISSION_ERROR
+    _ack(fleet, craft, partner, result, kind.number, causes)
 
 
 def on_set_current(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
@@ -214,15 +267,16 @@ def current_message(craft: Craft, seq: int | None = None) -> Any:
 
 
 def on_timer(fleet: Fleet, craft: Craft) -> None:
-    """An item asked for has not come: ask again, or give up after 8 s."""
-    upload = craft.upload
-    if not upload.active:
-        return
-    if fleet.now - upload.received_ns > GIVE_UP_NS:
-        partner = upload.partner
-        _end(fleet, craft)
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Mission upload timeout")
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_OPERATION_CANCELLED)
-        navigator.changed(fleet, craft)
-    else:
-        _request(fleet, craft)
+    """Items asked for have not come: ask again, or give up after 8 s."""
+    for kind in KINDS.values():
+        upload = craft.uploads[kind.number]
+        if not upload.active or fleet.now - upload.asked_ns < RETRY_NS:
+            continue
+        if fleet.now - upload.received_ns > GIVE_UP_NS:
+            _end(fleet, craft, kind)
+            fleet.text(craft, dialect.MAV_SEVERITY_WARNING, kind.timeout)
+            _ack(fleet, craft, upload.partner, dialect.MAV_MISSION_OPERATION_CANCELLED, kind.number)
+            kind.stopped(fleet, craft)
+        else:
+            _request(fleet, craft, kind)
+    _await(fleet, craft)

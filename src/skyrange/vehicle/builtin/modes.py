@@ -58,13 +58,3 @@ def armable(mode: int, auto_options: int) -> bool:
     After `allows_arming` of each mode (mode.h, mode_auto.cpp).
     """
     return mode in PILOTED or mode == Mode.GUIDED or (mode == Mode.AUTO and bool(auto_options & 1))
-
-
-def needs_position(mode: int) -> bool:
-    """Whether a mode needs to know where it is (`requires_GPS`)."""
-    return mode not in (Mode.STABILIZE, Mode.ALT_HOLD, Mode.LAND)
-
-
-def manual_throttle(mode: int) -> bool:
-    """Whether the throttle stick is the thrust (`has_manual_throttle`)."""
-    return mode == Mode.STABILIZE

@@ -13,7 +13,8 @@ from skyrange.vehicle.builtin import do_items, facing, flown_items, loop
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.do_items import change_speed
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, MissionState, Slot, Stage, Timer
-from skyrange.vehicle.builtin.item_kinds import (
+from skyrange.vehicle.builtin.layout import Control, Flag, Heading
+from skyrange.vehicle.builtin.mission_kinds import (
     CONDITIONS,
     DELAY,
     NAVIGATION,
@@ -24,7 +25,6 @@ from skyrange.vehicle.builtin.item_kinds import (
     TO_ALT,
     WAYPOINT,
 )
-from skyrange.vehicle.builtin.layout import Control, Flag, Heading
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.places import RELATIVE_FRAMES
 from skyrange.vehicle.builtin.sequence import MAX_ITEMS, next_navigation, resolve

@@ -1,12 +1,13 @@
-"""Which parameters are there, and how are they asked for and set? ArduCopter's names, units and defaults.
+"""Which parameters are there? ArduCopter's names, units and defaults, and what an aircraft holds of them.
 
 Only parameters that act are listed. Names and units are those of ArduCopter 4.6 (centimetres where it
 has centimetres); defaults are from its sources: libraries/AC_AttitudeControl (AC_PosControl.cpp,
 AC_AttitudeControl_Multi.h), libraries/AC_WPNav/AC_WPNav.cpp, libraries/AP_Motors, ArduCopter/config.h.
-Values are single floats, as there. The protocol is https://mavlink.io/en/services/parameter.html in
-ArduPilot's dialect of it: a value travels as a float whatever its type, an unknown name or a value
-that is not finite is not answered (libraries/GCS_MAVLink/GCS_Param.cpp), a value out of range is
-held inside it.
+`parameter_names` knows the names of other versions.
+
+An aircraft's parameters are kept twice. `Fleet.stored` is what was written, as ArduCopter's storage
+keeps it: any number that the type holds. What flies is that number moved into the range, so that no value
+can make the arithmetic fail: in the record `SETTINGS` for kernels, by `Fleet.param` for the rest.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.vehicle.builtin.layout import Records
+from skyrange.vehicle.builtin.parameter_names import from_nominal, nominal, to_nominal
 from skyrange.world.airframes import Airframe
 
 _REAL32 = dialect.MAV_PARAM_TYPE_REAL32
@@ -29,7 +32,10 @@ _INT32 = dialect.MAV_PARAM_TYPE_INT32
 
 
 class Parameter(NamedTuple):
-    """One parameter: default and range in ArduCopter's unit, `kind` a MAV_PARAM_TYPE."""
+    """One parameter: default and range in ArduCopter's unit, which `meaning` names; `kind` a MAV_PARAM_TYPE.
+
+    `reboot` says that a new value acts from the next boot on, as ArduCopter's metadata has it (@RebootRequired).
+    """
 
     name: str
     default: float
@@ -37,8 +43,28 @@ class Parameter(NamedTuple):
     high: float
     meaning: str
     kind: int = _REAL32
+    reboot: bool = False
 
 
+def stream_rates(prefix: str) -> tuple[Parameter, ...]:
+    """The rates at boot of one telemetry channel (GCS_MAVLink_Parameters.cpp)."""
+    return tuple(
+        Parameter(prefix + name, 0, 0, 50, f"boot rate of {what}, Hz", _INT16, True) for name, what in _STREAMS.items()
+    )
+
+
+_STREAMS: Final = {
+    "ADSB": "other aircraft's positions (none is sent)",
+    "EXT_STAT": "status messages",
+    "EXTRA1": "ATTITUDE and AHRS2",
+    "EXTRA2": "VFR_HUD",
+    "EXTRA3": "estimator, battery and environment",
+    "PARAMS": "parameters (no message is streamed)",
+    "POSITION": "position messages",
+    "RAW_CTRL": "raw control (no message is streamed)",
+    "RAW_SENS": "sensor readings",
+    "RC_CHAN": "motor outputs and radio channels",
+}
 PARAMETERS: Final = tuple(
     sorted(
         (
@@ -74,8 +100,107 @@ PARAMETERS: Final = tuple(
             Parameter("CIRCLE_OPTIONS", 1, 0, 15, "bit 1: face along the circle instead of its centre", _INT16),
             Parameter("CIRCLE_RADIUS", 1000, 0, 200000, "radius of circles that name none, cm"),
             Parameter("CIRCLE_RATE", 20, -90, 90, "turn rate of circles, deg/s"),
-            Parameter("DISARM_DELAY", 10, 0, 127, "disarm after so long armed on the ground, s; 0 never", _INT8),
             Parameter("GUID_OPTIONS", 0, 0, 255, "bit 6: positions in GUIDED are flown as waypoints", _INT32),
+            Parameter(
+                "ARMING_CHECK",
+                1,
+                0,
+                1048575,
+                "pre-arm checks: bit 0 all; 1 barometer, 2 compass, 3 GNSS, 4 inertial, 7, 8 battery, 14 mission",
+                _INT32,
+            ),
+            Parameter(
+                "ARMING_MIS_ITEMS",
+                0,
+                0,
+                127,
+                "items a mission must have: bit 0 LAND, 2 DO_LAND_START, 3 TAKEOFF, 5 a rally point, 6 RTL",
+                _INT32,
+            ),
+            Parameter("ARMING_OPTIONS", 0, 0, 1, "bit 0: do not tell failing pre-arm checks every 30 s", _INT32),
+            Parameter("BATT_ARM_MAH", 0, 0, 200000, "least charge to arm with, mAh; 0 any", _INT32),
+            Parameter("BATT_ARM_VOLT", 0, 0, 120, "least voltage to arm with, V; 0 any"),
+            Parameter("BATT_CAPACITY", 3300, 0, 200000, "full charge, mAh", _INT32),
+            Parameter("BATT_CRT_MAH", 0, 0, 200000, "critical charge left, mAh; 0 none"),
+            Parameter("BATT_CRT_VOLT", 0, 0, 120, "critical voltage, V; 0 none"),
+            Parameter(
+                "BATT_FS_CRT_ACT", 0, 0, 7, "on critical: 0 tell, 1 LAND, 2, 3, 6 RTL, 4 LAND, 5 disarm, 7 BRAKE", _INT8
+            ),
+            Parameter("BATT_FS_LOW_ACT", 0, 0, 7, "on low: the same", _INT8),
+            Parameter(
+                "BATT_FS_VOLTSRC", 0, 0, 1, "compare the voltage as measured (0) or with the sag taken out (1)", _INT8
+            ),
+            Parameter("BATT_LOW_MAH", 0, 0, 200000, "low charge left, mAh; 0 none"),
+            Parameter("BATT_LOW_TIMER", 10, 0, 120, "a low voltage counts after so long, s; 0 never", _INT8),
+            Parameter("BATT_LOW_VOLT", 10.5, 0, 120, "low voltage, V; 0 none"),
+            Parameter("BATT_MONITOR", 4, 0, 4, "0 no battery monitor, else voltage and current", _INT8),
+            Parameter("FENCE_ACTION", 1, 0, 5, "on a breach: 0 tell, 1 RTL, 2 LAND, 3 RTL, 4 BRAKE, 5 LAND", _INT8),
+            Parameter("FENCE_ALT_MAX", 100, 10, 1000, "greatest height above home, m"),
+            Parameter("FENCE_ALT_MIN", -10, -100, 100, "least height above home, m"),
+            Parameter("FENCE_AUTOENABLE", 0, 0, 3, "in force: 1, 2 after an automatic take-off, 3 while armed", _INT8),
+            Parameter("FENCE_ENABLE", 0, 0, 1, "fence in force", _INT8),
+            Parameter("FENCE_MARGIN", 2, 1, 10, "distance to keep from the fence, m"),
+            Parameter(
+                "FENCE_OPTIONS",
+                0,
+                0,
+                3,
+                "bit 0: no other mode until back inside; bit 1: inside any zone will do",
+                _INT16,
+            ),
+            Parameter("FENCE_RADIUS", 300, 30, 10000, "radius around home, m"),
+            Parameter(
+                "FENCE_TYPE", 7, 0, 15, "bit 0 greatest height, 1 radius, 2 polygons and circles, 3 least height", _INT8
+            ),
+            Parameter("FLIGHT_OPTIONS", 0, 0, 1, "bit 0: no thrust loss check", _INT32),
+            Parameter("FS_CRASH_CHECK", 1, 0, 1, "disarm after a crash", _INT8),
+            Parameter("FS_DR_ENABLE", 2, 0, 7, "on dead reckoning: 0 tell, 1 LAND, 2, 3, 6 RTL, 4 LAND", _INT8),
+            Parameter("FS_DR_TIMEOUT", 30, 0, 120, "dead reckoning is a position for so long, s", _INT16),
+            Parameter(
+                "FS_EKF_ACTION", 1, 0, 3, "on a bad estimate: 0 tell, 1 LAND, 2 ALT_HOLD, 3 LAND from any mode", _INT8
+            ),
+            Parameter("FS_EKF_FILT", 5, 0, 10, "filter of the ratios that are compared, Hz; 0 none"),
+            Parameter("FS_EKF_THRESH", 0.8, 0, 1, "ratio of innovation to gate that is bad; 0 never"),
+            Parameter(
+                "FS_GCS_ENABLE",
+                0,
+                0,
+                7,
+                "on a lost ground station: 0 nothing, 1, 2, 3, 6 RTL, 4, 5 LAND, 7 BRAKE",
+                _INT8,
+            ),
+            Parameter("FS_GCS_TIMEOUT", 5, 2, 120, "heartbeats missing for so long, s"),
+            Parameter(
+                "FS_OPTIONS",
+                16,
+                0,
+                31,
+                "go on: bit 1 in AUTO without ground station, 3 landing, 4 in a pilot's mode",
+                _INT32,
+            ),
+            Parameter("GPS_HDOP_GOOD", 140, 100, 900, "largest HDOP to arm with, 1/100", _INT16),
+            Parameter("RALLY_INCL_HOME", 1, 0, 1, "home counts as a rally point", _INT8),
+            Parameter("RALLY_LIMIT_KM", 0.3, 0, 1000, "rally points farther than that do not count, km; 0 all do"),
+            Parameter("DISARM_DELAY", 10, 0, 127, "disarm after so long armed on the ground, s; 0 never", _INT8),
+            Parameter("EK3_ABIAS_P_NSE", 0.02, 0.00001, 0.02, "accelerometer bias noise, m/s³"),
+            Parameter("EK3_ACC_BIAS_LIM", 1.0, 0.5, 2.5, "largest accelerometer bias, m/s²"),
+            Parameter("EK3_ACC_P_NSE", 0.35, 0.01, 1.0, "accelerometer noise, m/s²"),
+            Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 100.0, "barometer noise, m"),
+            Parameter("EK3_CHECK_SCALE", 100, 50, 200, "scale of the receiver checks' limits, %", _INT16),
+            Parameter("EK3_GBIAS_P_NSE", 0.001, 0.00001, 0.001, "gyro bias noise, rad/s²"),
+            Parameter("EK3_GLITCH_RAD", 25, 0, 100, "uncertainty at which position is reset to GNSS, m", _INT8),
+            Parameter("EK3_GPS_CHECK", 31, 0, 255, "receiver checks before use, bit mask", _INT8),
+            Parameter("EK3_GYRO_P_NSE", 0.015, 0.0001, 0.1, "gyro noise, rad/s"),
+            Parameter("EK3_HGT_I_GATE", 500, 100, 1000, "height gate, 1/100 standard deviation", _INT16),
+            Parameter("EK3_MAG_I_GATE", 300, 100, 1000, "compass gate, 1/100 standard deviation", _INT16),
+            Parameter("EK3_MAG_M_NSE", 0.05, 0.01, 0.5, "compass noise, gauss"),
+            Parameter("EK3_NOAID_M_NSE", 10, 0.5, 50, "noise of the position assumed without aiding, m"),
+            Parameter("EK3_POS_I_GATE", 500, 100, 1000, "GNSS position gate, 1/100 standard deviation", _INT16),
+            Parameter("EK3_POSNE_M_NSE", 0.5, 0.1, 10.0, "least GNSS position noise, m"),
+            Parameter("EK3_TAU_OUTPUT", 25, 10, 50, "time in which corrections are let in, cs", _INT8),
+            Parameter("EK3_VEL_I_GATE", 500, 100, 1000, "GNSS velocity gate, 1/100 standard deviation", _INT16),
+            Parameter("EK3_VELD_M_NSE", 0.5, 0.05, 5.0, "least GNSS climb rate noise, m/s"),
+            Parameter("EK3_VELNE_M_NSE", 0.3, 0.05, 5.0, "least GNSS horizontal velocity noise, m/s"),
             Parameter("GUID_TIMEOUT", 3, 0.1, 5, "a velocity target in GUIDED holds so long, s"),
             Parameter("LAND_ALT_LOW", 1000, 100, 10000, "height of the final descent, cm", _INT16),
             Parameter("LAND_SPEED", 50, 30, 200, "speed of the final descent, cm/s", _INT16),
@@ -113,23 +238,19 @@ PARAMETERS: Final = tuple(
             Parameter("PSC_VELXY_FLTD", 5, 0.5, 100, "horizontal velocity derivative filter, Hz"),
             Parameter("PSC_VELZ_P", 5, 1, 8, "vertical velocity gain, 1/s"),
             Parameter("PSC_VELZ_FLTE", 5, 0.5, 100, "vertical velocity error filter, Hz"),
-            Parameter("RC_OVERRIDE_TIME", 3, -1, 120, "sticks sent by MAVLink hold so long, s; 0 none count, -1 for ever"),
+            Parameter("RC_OVERRIDE_TIME", 3, -1, 120, "sticks sent by MAVLink hold so long, s; -1 for ever"),
             Parameter("RTL_ALT", 1500, 30, 300000, "height of the return above home, cm", _INT32),
             Parameter("RTL_ALT_FINAL", 0, 0, 1000, "height at which the return ends, cm; 0 lands", _INT16),
             Parameter("RTL_CLIMB_MIN", 0, 0, 3000, "climb at least so much before returning, cm", _INT16),
             Parameter("RTL_CONE_SLOPE", 3, 0, 10, "height over distance of the cone that lowers the climb; 0 none"),
             Parameter("RTL_LOIT_TIME", 5000, 0, 60000, "wait above home, ms", _INT32),
             Parameter("RTL_SPEED", 0, 0, 2000, "speed of the return, cm/s; 0 WPNAV_SPEED", _INT16),
-            Parameter("SR0_EXT_STAT", 0, 0, 50, "boot rate of status messages, Hz", _INT16),
-            Parameter("SR0_EXTRA1", 0, 0, 50, "boot rate of ATTITUDE, Hz", _INT16),
-            Parameter("SR0_EXTRA2", 0, 0, 50, "boot rate of VFR_HUD, Hz", _INT16),
-            Parameter("SR0_EXTRA3", 0, 0, 50, "boot rate of SYSTEM_TIME and the like, Hz", _INT16),
-            Parameter("SR0_POSITION", 0, 0, 50, "boot rate of position messages, Hz", _INT16),
-            Parameter("SYSID_MYGCS", 255, 1, 255, "the ground station whose sticks count", _INT16),
-            Parameter("SYSID_THISMAV", 1, 1, 255, "MAVLink system id", _INT16),
+            Parameter("SYSID_ENFORCE", 0, 0, 1, "1: obey only SYSID_MYGCS and its own components", _INT8),
+            Parameter("SYSID_MYGCS", 255, 1, 255, "system id of the ground station", _INT16),
+            Parameter("SYSID_THISMAV", 1, 1, 255, "MAVLink system id", _INT16, True),
             Parameter("THR_DZ", 100, 0, 300, "dead zone of the throttle stick, 1/1000 each way", _INT16),
             Parameter("TKOFF_SLEW_TIME", 2, 0.25, 5, "throttle from zero to full at take-off, s"),
-            Parameter("WP_YAW_BEHAVIOR", 2, 0, 3, "0 never turn, 1 face the next waypoint, 2 except in RTL, 3 face ahead", _INT8),
+            Parameter("WP_YAW_BEHAVIOR", 2, 0, 3, "0 never turn, 1 face the way, 2 except in RTL, 3 face ahead", _INT8),
             Parameter("WPNAV_ACCEL", 250, 50, 500, "horizontal acceleration, cm/s²"),
             Parameter("WPNAV_ACCEL_C", 0, 0, 500, "acceleration in corners, cm/s²; 0 twice WPNAV_ACCEL"),
             Parameter("WPNAV_ACCEL_Z", 100, 50, 500, "vertical acceleration, cm/s²"),
@@ -138,31 +259,64 @@ PARAMETERS: Final = tuple(
             Parameter("WPNAV_SPEED", 1000, 10, 2000, "horizontal speed, cm/s"),
             Parameter("WPNAV_SPEED_DN", 150, 10, 500, "descent speed, cm/s"),
             Parameter("WPNAV_SPEED_UP", 250, 10, 1000, "climb speed, cm/s"),
+            *stream_rates("SR0_"),
         )
     )
 )
 """Every parameter, by name: the index in this table is the protocol's index."""
 
 INDEX: Final = {parameter.name: index for index, parameter in enumerate(PARAMETERS)}
-SETTINGS: Final = np.dtype([(parameter.name, "f8") for parameter in PARAMETERS])
-"""One aircraft's parameters as a record, for the kernels."""
+LOW: Final = np.array([parameter.low for parameter in PARAMETERS], dtype=np.float64)
+HIGH: Final = np.array([parameter.high for parameter in PARAMETERS], dtype=np.float64)
+
+_HOT = ("ANGLE_MAX", "ATC_", "LAND_", "LOIT_", "MOT_", "PILOT_", "PSC_", "TKOFF_", "WP")
+"""What kernels read at every step: first in the record and side by side, so that the rest costs no cache lines."""
+_AT_MESSAGES = ("SR0_", "SYSID_")
+"""What only messages ask for: not in the record at all."""
+
+
+def _in_kernels() -> tuple[str, ...]:
+    names = [parameter.name for parameter in PARAMETERS if not parameter.name.startswith(_AT_MESSAGES)]
+    return tuple(sorted(names, key=lambda name: (not name.startswith(_HOT), name)))
+
+
+IN_KERNELS: Final = _in_kernels()
+SETTINGS: Final = np.dtype([(name, "f8") for name in IN_KERNELS])
+"""One aircraft's parameters as a record, for the kernels: held inside their ranges."""
 
 TUNING: Final[Mapping[str, Mapping[str, float]]] = {
     # The Iris has a quarter of the yaw authority that ArduCopter's defaults are meant for (4 rad/s² at full
     # yaw): the rate loop is closed tighter and asked for less, as a tuned aircraft's parameter file would.
     "iris": {"ATC_RAT_YAW_P": 1.5, "ATC_RAT_YAW_I": 0.15, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 6000},
+    # Full yaw turns these two at 16 and 6.8 rad/s²: the rate loop closed at about 6 rad/s, as the Iris's.
+    "hummingbird": {"ATC_RAT_YAW_P": 0.4, "ATC_RAT_YAW_I": 0.04, "ATC_RAT_YAW_FLTE": 20},
+    "x500": {"ATC_RAT_YAW_P": 0.9, "ATC_RAT_YAW_I": 0.09, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 10000},
 }
 """What differs from the defaults by airframe."""
 
 
+_LIMITS: Final = {_INT8: (-128.0, 127.0), _INT16: (-32768.0, 32767.0), _INT32: (-2147483648.0, 2147483647.0)}
+
+
+def stored(parameter: Parameter, value: float) -> float:
+    """A finite value as ArduPilot stores it (AP_Param::set_float): a single float, or cut to the whole type."""
+    limits = _LIMITS.get(parameter.kind)
+    if limits is None:
+        return float(np.float32(min(max(value, -_MOST), _MOST)))
+    nudged = value + (0.01 if value >= 0.0 else -0.01)
+    return float(math.trunc(min(max(nudged, limits[0]), limits[1])))
+
+
+_MOST = float(np.finfo(np.float32).max)
+
+
 def held(parameter: Parameter, value: float) -> float:
-    """A finite value as the autopilot stores it: inside the range, whole where the type is, a single float."""
-    inside = min(max(value, parameter.low), parameter.high)
-    return float(np.float32(inside if parameter.kind == _REAL32 else math.floor(inside + 0.5)))
+    """The value that acts: inside the range."""
+    return min(max(value, parameter.low), parameter.high)
 
 
-def fill(settings: Records, row: int, who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]) -> None:
-    """Set a row to defaults, the airframe's tuning, then `given` (ArduCopter's units).
+def start_values(who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]) -> NDArray[np.float64]:
+    """(parameters,) stored at the start: defaults, the airframe's tuning, then `given`, under names of any version.
 
     Raises `InputError` with every unknown name and every value that is not finite or out of range.
     """
@@ -172,32 +326,39 @@ def fill(settings: Records, row: int, who: str, airframe: Airframe, system_id: i
     values["MOT_THST_EXPO"] = airframe.thrust_expo
     values["SYSID_THISMAV"] = system_id
     faults = []
+    taken: dict[str, str] = {}
     for name, value in given.items():
-        parameter = PARAMETERS[INDEX[name]] if name in INDEX else None
+        known = nominal(name)
+        parameter = PARAMETERS[INDEX[known]] if known in INDEX else None
+        told = f"{name} ({known})" if known != name else name
         if parameter is None:
             faults.append(Fault(name, str(value), "a parameter of the builtin autopilot", nearest(name, INDEX)))
-        elif not (math.isfinite(value) and parameter.low <= value <= parameter.high):
-            faults.append(Fault(name, str(value), f"{parameter.low:g} to {parameter.high:g} ({parameter.meaning})"))
-        elif name == "SYSID_THISMAV":
-            faults.append(Fault(name, str(value), "the vehicle's system_id, which sets it"))
+        elif known in taken:
+            faults.append(Fault(told, str(value), f"given once; {taken[known]} is the same parameter"))
+        elif not (math.isfinite(value) and parameter.low <= to_nominal(name, value) <= parameter.high):
+            low, high = from_nominal(name, parameter.low), from_nominal(name, parameter.high)
+            faults.append(Fault(told, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
+        elif known == "SYSID_THISMAV":
+            faults.append(Fault(told, str(value), "the vehicle's system_id, which sets it"))
         else:
-            values[name] = value
+            values[known] = to_nominal(name, value)
+        taken.setdefault(known, name)
     if faults:
         raise InputError(f"params of {who}", faults)
-    for parameter in PARAMETERS:
-        settings[parameter.name][row] = held(parameter, values[parameter.name])
+    return np.array([stored(parameter, values[parameter.name]) for parameter in PARAMETERS])
 
 
-def clean_name(raw: object) -> str:
-    """A PARAM_* message's name field as text; bytes that are no ASCII cannot name a parameter."""
-    if isinstance(raw, bytes):
-        raw = raw.decode("ascii", "replace")
-    return str(raw).split("\0", 1)[0]
+def fill(
+    settings: Records, row: int, who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]
+) -> NDArray[np.float64]:
+    """Set a kernel record to what `start_values` gives, which is returned; errors as there."""
+    values = start_values(who, airframe, system_id, given)
+    settle(settings, row, values)
+    return values
 
 
-def value_message(settings: Records, row: int, index: int, told_index: int) -> object:
-    """PARAM_VALUE of the parameter at `index`; `told_index` is what the message calls it (65535 after a set)."""
-    parameter = PARAMETERS[index]
-    return dialect.MAVLink_param_value_message(
-        parameter.name.encode(), float(settings[parameter.name][row]), parameter.kind, len(PARAMETERS), told_index
-    )
+def settle(settings: Records, row: int, values: NDArray[np.float64]) -> None:
+    """Set a kernel record to stored values."""
+    acting = np.clip(values, LOW, HIGH)
+    for name in IN_KERNELS:
+        settings[name][row] = acting[INDEX[name]]

@@ -1,7 +1,8 @@
 """How does an aircraft come home? RTL's stages: climb, return, wait, descend and land.
 
 After ArduCopter/mode_rtl.cpp (`build_path`, `compute_return_target`, `run`): the climb's height is RTL_ALT above
-home, lowered by the cone near home, never below the present height. Used by the mode and by the mission item.
+home, lowered by the cone near home and to the fence, never below the present height. Home may be a rally
+point. Used by the mode and by the mission item.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin import facing, loop, places, wpnav
+from skyrange.vehicle.builtin import facing, fence, loop, places, rally, wpnav
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
 
@@ -20,6 +21,7 @@ _CONE_MIN = 0.5  # config.h RTL_MIN_CONE_SLOPE
 def start(fleet: Fleet, craft: Craft) -> None:
     """Begin the return of a flying craft with the climb from its stopping point."""
     fleet.limits(craft)
+    craft.return_to = rally.return_point(fleet, craft)
     speed = fleet.param(craft, "RTL_SPEED") * 0.01
     if speed > 0.0:
         fleet.flight["speed_xy"][craft.row] = speed
@@ -35,14 +37,15 @@ def _leg(fleet: Fleet, craft: Craft, goal: tuple[float, float, float], anew: boo
 
 def _height(fleet: Fleet, craft: Craft, east: float, north: float, up: float) -> float:
     """The height of the return, above the origin."""
-    home_east, home_north, home_up = craft.home
+    home_up = craft.home[2]
+    to_east, to_north, to_up = craft.return_to
     now = up - home_up
     least = max(_ALT_MIN_M, now + fleet.param(craft, "RTL_CLIMB_MIN") * 0.01)
-    height = max(fleet.param(craft, "RTL_ALT") * 0.01, least, 0.0)
+    height = max(fleet.param(craft, "RTL_ALT") * 0.01, least, to_up - home_up, 0.0)
     slope = fleet.param(craft, "RTL_CONE_SLOPE")
     if slope >= _CONE_MIN:
-        height = min(height, max(math.hypot(east - home_east, north - home_north) * slope, least))
-    return home_up + max(height, now)
+        height = min(height, max(math.hypot(east - to_east, north - to_north) * slope, least))
+    return home_up + max(min(height, fence.safe_alt_m(fleet, craft)), now)
 
 
 def arrived(fleet: Fleet, craft: Craft) -> None:
@@ -51,7 +54,7 @@ def arrived(fleet: Fleet, craft: Craft) -> None:
         craft.stage = Stage.RETURN
         up = float(fleet.flight["target_pos"][craft.row, 2])
         facing.default(fleet, craft, returning=True)
-        _leg(fleet, craft, (craft.home[0], craft.home[1], up), False)
+        _leg(fleet, craft, (craft.return_to[0], craft.return_to[1], up), False)
     elif craft.stage == Stage.RETURN:
         craft.stage = Stage.LOITER
         fleet.timer(craft, Timer.HOLD, fleet.now + int(fleet.param(craft, "RTL_LOIT_TIME")) * NS_PER_MS)
@@ -68,4 +71,4 @@ def waited(fleet: Fleet, craft: Craft) -> None:
         fleet.fly(craft, Control.LAND)
         return
     craft.stage = Stage.DESCEND
-    _leg(fleet, craft, (craft.home[0], craft.home[1], craft.home[2] + final), False)
+    _leg(fleet, craft, (craft.return_to[0], craft.return_to[1], craft.home[2] + final), False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skyrange.vehicle.builtin.fleet import Craft
-from skyrange.vehicle.builtin.item_kinds import JUMP, NAVIGATION
+from skyrange.vehicle.builtin.mission_kinds import JUMP, NAVIGATION
 
 _MAX_JUMPS = 64  # get_next_cmd
 MAX_ITEMS = 255

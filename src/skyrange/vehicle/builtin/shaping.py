@@ -80,7 +80,7 @@ def limit_xy(east: float, north: float, most: float) -> tuple[float, float]:
 def shape_velocity(
     target: float, added: float, velocity: float, accel: float, accel_max: float, jerk_max: float, dt_s: float
 ) -> float:
-    """The next acceleration that brings `velocity` to `target` within `accel_max` (and `added` to it) and `jerk_max`."""
+    """The next acceleration to bring `velocity` to `target` within `accel_max` (with `added` on top) and `jerk_max`."""
     wanted = sqrt_controller(target - velocity, jerk_max / accel_max, jerk_max, dt_s)
     wanted = clamp(wanted, -accel_max, accel_max) + added
     return accel + clamp(wanted - accel, -jerk_max * dt_s, jerk_max * dt_s)

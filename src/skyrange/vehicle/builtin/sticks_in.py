@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from skyrange.vehicle.builtin import sticks
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
-from skyrange.vehicle.builtin.modes import Mode, manual_throttle
+from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE
+from skyrange.vehicle.builtin.modes import Mode
 
 MIN_US, MAX_US = 1000, 2000
 _MID_US = 1500
@@ -48,7 +49,7 @@ def too_high(fleet: Fleet, craft: Craft) -> bool:
     """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks): GUIDED and AUTO do not look at it."""
     if craft.mode in (Mode.GUIDED, Mode.AUTO):
         return False
-    return wants_climb(fleet, craft) or (manual_throttle(craft.mode) and fleet.flight["sticks"][craft.row, 3] > 0.0)
+    return wants_climb(fleet, craft) or (craft.mode in MANUAL_THROTTLE and fleet.flight["sticks"][craft.row, 3] > 0.0)
 
 
 def wants_climb(fleet: Fleet, craft: Craft) -> bool:

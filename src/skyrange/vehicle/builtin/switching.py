@@ -10,11 +10,12 @@ from collections.abc import Callable
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import facing, loop, navigator, returning, sticks_in, targets
+from skyrange.vehicle.builtin import facing, fence, loop, navigator, position, returning, sticks_in, targets
 from skyrange.vehicle.builtin.arming import idle_end
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
-from skyrange.vehicle.builtin.modes import PILOTED, Mode, known, manual_throttle
+from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE, NEEDS_POSITION
+from skyrange.vehicle.builtin.modes import PILOTED, Mode, known
 
 _BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z
 _BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
@@ -22,16 +23,21 @@ _BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
 
 def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
     """Why an armed craft may not enter a mode, or ""."""
+    if mode in NEEDS_POSITION and not position.ok(fleet, craft):
+        return "requires position"
+    if craft.mode in MANUAL_THROTTLE and mode not in MANUAL_THROTTLE and not position.height_ok(fleet, craft):
+        return "need alt estimate"
+    if fence.holds_mode(fleet, craft):
+        return "in fence recovery"
     if mode == Mode.AUTO:
         if not craft.sees_mission:
             return "init failed"
         if fleet.landed(craft) and not navigator.starts_with_takeoff(craft):
             fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto: Missing Takeoff Cmd")
             return "init failed"
-    if manual_throttle(mode) and fleet.landed(craft) and not manual_throttle(craft.mode):
-        # it must not leap off the ground (get_non_takeoff_throttle)
-        if sticks_in.thrust(fleet, craft) > 0.5 * fleet.param(craft, "MOT_THST_HOVER"):
-            return "throttle too high"
+    by_hand = mode in MANUAL_THROTTLE and craft.mode not in MANUAL_THROTTLE and fleet.landed(craft)
+    if by_hand and sticks_in.thrust(fleet, craft) > 0.5 * fleet.param(craft, "MOT_THST_HOVER"):
+        return "throttle too high"  # it must not leap off the ground (get_non_takeoff_throttle)
     return ""
 
 
@@ -55,6 +61,7 @@ def _land(fleet: Fleet, craft: Craft) -> None:
     _hold(fleet, craft)
     craft.stage = Stage.LAND
     fleet.fly(craft, Control.LAND)
+    fleet.flight["blind"][craft.row] = not position.ok(fleet, craft)
 
 
 def _pilot(fleet: Fleet, craft: Craft) -> None:
@@ -100,6 +107,7 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     `reason` is a `modes.ModeReason`.
     """
     if number == craft.mode:
+        craft.mode_reason = reason
         return True
     mode = known(number)
     if mode is None:
@@ -114,11 +122,14 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
         navigator.stop(fleet, craft)
     craft.mode = mode
     craft.mode_causes = causes
+    craft.mode_reason = reason
     craft.stage = Stage.NONE
     fleet.timer(craft, Timer.HOLD)
     fleet.timer(craft, Timer.STALE)
     fleet.note("event.mode", craft, {"mode": mode.name, "number": int(mode), "reason": str(reason)}, causes)
+    fence.mode_changed(fleet, craft)
     if armed and not fleet.landed(craft):
+        fleet.flight["blind"][craft.row] = 0
         _ENTER[mode](fleet, craft)
     elif armed:
         fleet.limits(craft)

@@ -1,4 +1,4 @@
-"""Where does the ground station want a GUIDED aircraft? SET_POSITION_TARGET_LOCAL_NED, …_GLOBAL_INT, SET_ATTITUDE_TARGET.
+"""Where does the ground station want a GUIDED aircraft? SET_POSITION_TARGET_…, SET_ATTITUDE_TARGET.
 
 After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_message_set_…_target…`) and
 mode_guided.cpp. Positions, velocities, accelerations and combinations of them, with a yaw or a yaw rate; what makes no
@@ -154,9 +154,7 @@ def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:
         anew = fleet.control(craft) != Control.LEG
         if anew:
             fleet.limits(craft)
-        wpnav.fly_to(
-            fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(position), anew
-        )
+        wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(position), anew)
         return
     _begin(fleet, craft, Control.POSITION)
     fleet.fly(craft, Control.POSITION)

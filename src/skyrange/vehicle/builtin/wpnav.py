@@ -152,7 +152,7 @@ def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved
 
 @kernel
 def then_curve(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> None:
-    """After this leg a curve to a point follows, which leaves towards `after`: end this one no faster than that begins."""
+    """After this leg a curve to a point follows, on towards `after`: end this one no faster than that begins."""
     if w.curved == 1:
         leave = (w.spline.leave[0], w.spline.leave[1], w.spline.leave[2])
     else:
@@ -265,11 +265,7 @@ def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         done = scurve.finished(w.leg)
         left = scurve.duration(w.leg) - w.leg.t
         if w.fast == 1 and w.next_curved == 0 and w.next.t == 0.0:
-            if (
-                w.leg.t >= scurve.slows_at(w.leg)
-                and left <= scurve.fast_at(w.next)
-                and _turn_is_tight(f, w, p)
-            ):
+            if w.leg.t >= scurve.slows_at(w.leg) and left <= scurve.fast_at(w.next) and _turn_is_tight(f, w, p):
                 _go(f, w.next, step_s)
         elif w.next.t > 0.0:
             _go(f, w.next, step_s)

@@ -109,6 +109,27 @@ const buildScene = () => {
       ctx.globalAlpha = 1;
     }
   };
+  const drawMarks = (ctx) => {                                          // what went wrong up to now, where it did
+    for (const m of RUN.marks) {
+      const p = m.t <= state.t + 1e-6 && camera.project(...m.at);
+      if (!p) continue;
+      const violent = m.kind === "collision" || m.kind === "crash", r = violent ? 6 : 7;
+      ctx.beginPath();
+      if (violent) {
+        ctx.moveTo(p[0] - r, p[1] - r); ctx.lineTo(p[0] + r, p[1] + r);
+        ctx.moveTo(p[0] + r, p[1] - r); ctx.lineTo(p[0] - r, p[1] + r);
+      } else {
+        ctx.moveTo(p[0], p[1] - r); ctx.lineTo(p[0] + r, p[1] + r * 0.7); ctx.lineTo(p[0] - r, p[1] + r * 0.7); ctx.closePath();
+      }
+      ctx.lineCap = "round";
+      ctx.strokeStyle = theme.dark ? "#0b0f18" : "#fff";
+      ctx.lineWidth = 5.5;
+      ctx.stroke();
+      ctx.strokeStyle = violent ? "#e02424" : "#e08a00";
+      ctx.lineWidth = violent ? 2.8 : 2.2;
+      ctx.stroke();
+    }
+  };
   const drawAircraft = (ctx) => {
     spots = [];
     const taken = [];
@@ -210,6 +231,7 @@ const buildScene = () => {
     }
     drawHomes(ctx);
     drawAircraft(ctx);
+    drawMarks(ctx);
     drawCompass(ctx, w, h);
   };
   onChange(draw, stage);
@@ -243,6 +265,8 @@ const buildScene = () => {
     const before = fingers.get(e.pointerId);
     if (!before) {
       const box = over.getBoundingClientRect(), x = e.clientX - box.left, y = e.clientY - box.top;
+      const mishap = RUN.marks.find((m) => { const p = m.t <= state.t && camera.project(...m.at); return p && Math.hypot(p[0] - x, p[1] - y) < 9; });
+      if (mishap) return showTip(e.clientX, e.clientY, mishap.words, []);
       const hit = spots.map((s) => [Math.hypot(s.x - x, s.y - y), s]).filter((s) => s[0] < 16).sort((a, b) => a[0] - b[0])[0];
       setFocus(hit ? hit[1].v.index : -1);
       if (!hit) return hideTip();

@@ -1,0 +1,83 @@
+"""How are many payloads held together? A column of byte strings: one buffer, and where each one lies in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+
+@kernel
+def _gather(data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
+    """Copy each payload to its place in `out`."""
+    for row in range(starts.shape[0]):
+        start = starts[row]
+        place = places[row]
+        for offset in range(sizes[row]):
+            out[place + offset] = data[start + offset]
+
+
+class Payloads:
+    """Payload `i` is `data[starts[i] : starts[i] + sizes[i]]`. Not altered once made, so parts may share a buffer."""
+
+    __slots__ = ("data", "sizes", "starts")
+
+    def __init__(self, data: Bytes, starts: Ints, sizes: Ints) -> None:
+        self.data = data
+        self.starts = starts
+        self.sizes = sizes
+
+    @classmethod
+    def of(cls, payloads: Iterable[bytes]) -> Payloads:
+        """A column of separate byte strings."""
+        parts = list(payloads)
+        sizes = np.fromiter(map(len, parts), np.int64, len(parts))
+        return cls(np.frombuffer(b"".join(parts), dtype=np.uint8), _starts(sizes), sizes)
+
+    @classmethod
+    def join(cls, columns: Iterable[Payloads]) -> Payloads:
+        """One column of several, in their order, in a buffer of its own that holds nothing else."""
+        parts = [column.compact() for column in columns]
+        if len(parts) == 1:
+            return parts[0]
+        sizes = np.concatenate([part.sizes for part in parts]) if parts else np.zeros(0, dtype=np.int64)
+        data = np.concatenate([part.data for part in parts]) if parts else np.zeros(0, dtype=np.uint8)
+        return cls(data, _starts(sizes), sizes)
+
+    def take(self, rows: Ints) -> Payloads:
+        """Some of the payloads, which stay where they lie."""
+        return Payloads(self.data, self.starts[rows], self.sizes[rows])
+
+    def compact(self) -> Payloads:
+        """The same payloads one after the other, with nothing between them."""
+        starts = _starts(self.sizes)
+        total = int(starts[-1] + self.sizes[-1]) if len(self) else 0
+        if total == len(self.data) and np.array_equal(starts, self.starts):
+            return self
+        out = np.empty(total, dtype=np.uint8)
+        _gather(self.data, self.starts, self.sizes, out, starts)
+        return Payloads(out, starts, self.sizes)
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def __getitem__(self, row: int) -> bytes:
+        start = int(self.starts[row])
+        return self.data[start : start + int(self.sizes[row])].tobytes()
+
+    def __iter__(self) -> Iterator[bytes]:
+        whole = self.data.tobytes()
+        for start, size in zip(self.starts.tolist(), self.sizes.tolist(), strict=True):
+            yield whole[start : start + size]
+
+
+def _starts(sizes: Ints) -> Ints:
+    starts = np.zeros(len(sizes), dtype=np.int64)
+    np.cumsum(sizes[:-1], out=starts[1:])
+    return starts

@@ -1,0 +1,153 @@
+"""How near is the next wall, and what roof is below? A city flattened to edges with a grid of cells, for kernels.
+
+Every cell of the grid lists the buildings within `MARGIN_M` of it, so one look-up tells what is near a place. A
+footprint
+is its edges, holes and all: a point is inside when a ray from it crosses an odd number of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skyrange.city.buildings import Building
+from skyrange.core.compiled import kernel
+
+MARGIN_M = 20.0
+"""How far around a cell its list looks."""
+CELL_M = 20.0
+"""A side of a cell, wider for a city of more than `_MOST_CELLS`."""
+_MOST_CELLS = 250_000
+
+
+class Walls(NamedTuple):
+    """A city's buildings as arrays: b buildings, e edges, c cells."""
+
+    edges: NDArray[np.float64]
+    """(e, 4): from east, north to east, north."""
+    first: NDArray[np.int64]
+    """(b + 1,): where a building's edges begin."""
+    box: NDArray[np.float64]
+    """(b, 6): west, south, east, north, base and top."""
+    cells: NDArray[np.int64]
+    """(c + 1,): where a cell's buildings begin in `near`; cells go east, then north."""
+    near: NDArray[np.int32]
+    """Buildings by cell."""
+    frame: NDArray[np.float64]
+    """(3,): west and south of the grid, side of a cell."""
+    columns: int
+    rows: int
+
+
+NO_WALLS = Walls(
+    np.empty((0, 4)),
+    np.zeros(1, dtype=np.int64),
+    np.empty((0, 6)),
+    np.zeros(1, dtype=np.int64),
+    np.empty(0, dtype=np.int32),
+    np.array([0.0, 0.0, CELL_M]),
+    0,
+    0,
+)
+"""Open country."""
+
+
+def flatten(buildings: Sequence[Building]) -> Walls:
+    """The arrays of some buildings, in their order. Raises ValueError without any."""
+    if not buildings:
+        raise ValueError("walls need at least one building")
+    rings, ring_of = [], []
+    for b, building in enumerate(buildings):
+        parts = building.shape.geoms if building.shape.geom_type == "MultiPolygon" else [building.shape]
+        for ring in chain.from_iterable((part.exterior, *part.interiors) for part in parts):
+            rings.append(ring)
+            ring_of.append(b)
+    points, place = shapely.get_coordinates(rings, return_index=True)
+    joined = place[1:] == place[:-1]
+    edges = np.hstack((points[:-1], points[1:]))[joined]
+    owner = np.asarray(ring_of)[place[:-1][joined]]
+    first = np.searchsorted(owner, np.arange(len(buildings) + 1)).astype(np.int64)
+    heights = [(building.base_m, building.height_m) for building in buildings]
+    box = np.hstack((shapely.bounds([building.shape for building in buildings]), heights))
+    west, south = (box[:, :2].min(axis=0) - MARGIN_M).tolist()
+    east, north = (box[:, 2:4].max(axis=0) + MARGIN_M).tolist()
+    side = max(CELL_M, math.sqrt((east - west) * (north - south) / _MOST_CELLS))
+    columns, rows = math.ceil((east - west) / side), math.ceil((north - south) / side)
+    frame = np.array([west, south, side])
+    cells, near = _sort(box, frame, columns, rows)
+    return Walls(np.ascontiguousarray(edges), first, np.ascontiguousarray(box), cells, near, frame, columns, rows)
+
+
+@kernel
+def _sort(
+    box: NDArray[np.float64], frame: NDArray[np.float64], columns: int, rows: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """The lists of all cells: counted, then filled."""
+    cells = np.zeros(columns * rows + 1, dtype=np.int64)
+    near = np.empty(0, dtype=np.int32)
+    for turn in range(2):
+        for b in range(box.shape[0]):
+            column0 = max(int((box[b, 0] - MARGIN_M - frame[0]) / frame[2]), 0)
+            column1 = min(int((box[b, 2] + MARGIN_M - frame[0]) / frame[2]), columns - 1)
+            row0 = max(int((box[b, 1] - MARGIN_M - frame[1]) / frame[2]), 0)
+            row1 = min(int((box[b, 3] + MARGIN_M - frame[1]) / frame[2]), rows - 1)
+            for row in range(row0, row1 + 1):
+                for column in range(column0, column1 + 1):
+                    cell = row * columns + column
+                    if turn == 1:
+                        near[cells[cell]] = b
+                    cells[cell if turn == 1 else cell + 1] += 1
+        if turn == 0:
+            for cell in range(columns * rows):
+                cells[cell + 1] += cells[cell]
+            near = np.empty(cells[columns * rows], dtype=np.int32)
+        else:  # filling moved each start to its end, which is the next one's start
+            for cell in range(columns * rows, 0, -1):
+                cells[cell] = cells[cell - 1]
+            cells[0] = 0
+    return cells, near
+
+
+@kernel
+def cell_at(walls: Walls, east_m: float, north_m: float) -> int:
+    """The cell of a place; -1 beyond the grid, where nothing is within `MARGIN_M`."""
+    column = math.floor((east_m - walls.frame[0]) / walls.frame[2])
+    row = math.floor((north_m - walls.frame[1]) / walls.frame[2])
+    if column < 0 or row < 0 or column >= walls.columns or row >= walls.rows:
+        return -1
+    return int(row) * walls.columns + int(column)
+
+
+@kernel
+def outside(walls: Walls, b: int, east_m: float, north_m: float) -> float:
+    """How far a place is from a footprint's bounding box, 0 within."""
+    x = max(max(walls.box[b, 0] - east_m, east_m - walls.box[b, 2]), 0.0)
+    y = max(max(walls.box[b, 1] - north_m, north_m - walls.box[b, 3]), 0.0)
+    return math.sqrt(x * x + y * y)
+
+
+@kernel
+def footprint(walls: Walls, b: int, east_m: float, north_m: float) -> tuple[bool, float, float, float]:
+    """Whether a place is inside a footprint, how far it is from its nearest edge, and that edge's nearest point."""
+    inside = False
+    best = math.inf
+    near_e, near_n = east_m, north_m
+    for k in range(walls.first[b], walls.first[b + 1]):
+        x0, y0, x1, y1 = walls.edges[k, 0], walls.edges[k, 1], walls.edges[k, 2], walls.edges[k, 3]
+        dx, dy = x1 - x0, y1 - y0
+        if (y0 > north_m) != (y1 > north_m) and east_m < x0 + (north_m - y0) * dx / dy:
+            inside = not inside
+        length2 = dx * dx + dy * dy
+        share = ((east_m - x0) * dx + (north_m - y0) * dy) / length2 if length2 > 0.0 else 0.0
+        share = min(max(share, 0.0), 1.0)
+        x, y = x0 + share * dx, y0 + share * dy
+        away = (east_m - x) * (east_m - x) + (north_m - y) * (north_m - y)
+        if away < best:
+            best, near_e, near_n = away, x, y
+    return inside, math.sqrt(best), near_e, near_n

@@ -1,0 +1,271 @@
+"""How are many MAVLink messages packed and unpacked at once? Arrays of messages to columns of frames, and back.
+
+The same bytes as `codec.mavlink` makes and reads, one by one, from the same tables (`codec.wire.LAYOUTS`); tests hold
+the two against each other. Only MAVLink 2 frames without a signature go this way: whatever else comes in is left
+to the one that takes them singly.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Bytes, Ints, Payloads
+from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, MIN_FRAME
+from skyrange.core.compiled import kernel
+
+Table = NDArray[Any]
+"""A structured array: one row per message, fields under pymavlink's names in wire units."""
+
+_TYPES: Final = {
+    "int8_t": "i1", "uint8_t": "u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
+    "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8",
+}  # fmt: skip
+_MAGIC: Final = int(MAGIC_V2)
+_MAGIC_V1: Final = int(MAGIC_V1)
+_MIN_FRAME: Final = int(MIN_FRAME)
+_HEADER: Final = int(HEADER_V2)
+_CHECKSUM: Final = int(CHECKSUM)
+
+
+def _crc_table() -> NDArray[np.uint16]:
+    """CRC-16/MCRF4XX by the byte: polynomial 0x1021 reflected, start 0xFFFF (mavlink.io, serialization)."""
+    table = np.zeros(256, dtype=np.uint16)
+    for byte in range(256):
+        value = byte
+        for _ in range(8):
+            value = value >> 1 ^ (0x8408 if value & 1 else 0)
+        table[byte] = value
+    return table
+
+
+_CRC: Final = _crc_table()
+_IDS: Final = np.array(sorted(LAYOUTS), dtype=np.int64)
+"""Every message id of the dialect; a message's place in it is its *kind*."""
+_EXTRA: Final = np.array([LAYOUTS[number].crc_extra[0] for number in _IDS.tolist()], dtype=np.int64)
+_KIND: Final = np.full(int(_IDS[-1]) + 1, -1, dtype=np.int32)
+_KIND[_IDS] = np.arange(len(_IDS))
+
+
+@cache
+def dtype_of(message_id: int) -> np.dtype[Any]:
+    """The layout of a whole payload, extensions included; text is `S<n>`, arrays are subarrays."""
+    cls = LAYOUTS[message_id].cls
+    kinds = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
+    fields: list[Any] = []
+    for name, count in zip(cls.ordered_fieldnames, cls.array_lengths, strict=True):
+        kind = kinds[name]
+        if kind == "char":
+            fields.append((name, f"S{max(count, 1)}"))
+        else:
+            fields.append((name, _TYPES[kind], (count,)) if count else (name, _TYPES[kind]))
+    dtype = np.dtype(fields)
+    assert dtype.itemsize == LAYOUTS[message_id].size, message_id
+    return dtype
+
+
+@kernel
+def _pack(
+    raw: NDArray[np.uint8], number: int, extra: int, systems: Ints, component: int, sequences: Ints,
+    out: Bytes, starts: Ints, sizes: Ints, at: int, crcs: NDArray[np.uint16],
+) -> int:  # fmt: skip
+    """Write one frame per row of `raw`, from byte `at` of `out` on; returns where they end."""
+    for row in range(raw.shape[0]):
+        length = raw.shape[1]
+        while length > 1 and raw[row, length - 1] == 0:  # MAVLink 2 cuts trailing zeros, but not the first byte
+            length -= 1
+        start = at
+        out[at] = _MAGIC
+        out[at + 1] = length
+        out[at + 2] = 0
+        out[at + 3] = 0
+        out[at + 4] = sequences[row]
+        out[at + 5] = systems[row]
+        out[at + 6] = component
+        out[at + 7] = number & 0xFF
+        out[at + 8] = number >> 8 & 0xFF
+        out[at + 9] = number >> 16 & 0xFF
+        at += _HEADER
+        for column in range(length):
+            out[at + column] = raw[row, column]
+        at += length
+        crc = 0xFFFF
+        for place in range(start + 1, at):
+            crc = crc >> 8 ^ int(crcs[(crc ^ int(out[place])) & 0xFF])
+        crc = crc >> 8 ^ int(crcs[(crc ^ extra) & 0xFF])
+        out[at] = crc & 0xFF
+        out[at + 1] = crc >> 8
+        at += _CHECKSUM
+        starts[row] = start
+        sizes[row] = at - start
+    return at
+
+
+def pack(batches: list[tuple[int, Table, Ints, Ints]], component: int) -> Payloads:
+    """Frames of several batches of messages, in their order.
+
+    A batch is (message id, rows of `dtype_of` that id, (n,) system ids, (n,) sequence numbers 0…255).
+    """
+    rows = sum(len(table) for _, table, _, _ in batches)
+    room = sum(len(table) * (table.dtype.itemsize + _HEADER + _CHECKSUM) for _, table, _, _ in batches)
+    data = np.empty(room, dtype=np.uint8)
+    starts, sizes = np.empty(rows, dtype=np.int64), np.empty(rows, dtype=np.int64)
+    at = done = 0
+    for number, table, systems, sequences in batches:
+        count = len(table)
+        raw = table.view(np.uint8).reshape(count, table.dtype.itemsize)
+        extra = LAYOUTS[number].crc_extra[0]
+        part = slice(done, done + count)
+        at = _pack(raw, number, extra, systems, component, sequences, data, starts[part], sizes[part], at, _CRC)
+        done += count
+    return Payloads(data[:at], starts, sizes)
+
+
+@kernel
+def kind_at(data: Bytes, at: int, size: int, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16]) -> int:
+    """The kind of the frame in `size` bytes from `at` on; the last three are `TABLES`.
+
+    -1 where the bytes are not one whole, valid, unsigned MAVLink 2 frame.
+    """
+    if size < _HEADER + _CHECKSUM or data[at] != _MAGIC:
+        return -1
+    length = np.int64(data[at + 1])
+    if size != _HEADER + length + _CHECKSUM or data[at + 2] != 0:
+        return -1
+    number = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
+    if number >= kinds.shape[0] or kinds[number] < 0:
+        return -1
+    kind = np.int64(kinds[number])
+    crc = np.int64(0xFFFF)
+    for place in range(at + 1, at + _HEADER + length):
+        crc = crc >> 8 ^ np.int64(crcs[(crc ^ np.int64(data[place])) & 0xFF])
+    crc = crc >> 8 ^ np.int64(crcs[(crc ^ extras[kind]) & 0xFF])
+    if data[at + size - 2] == crc & 0xFF and data[at + size - 1] == crc >> 8:
+        return int(kind)
+    return -1
+
+
+TABLES: Final = (_KIND, _EXTRA, _CRC)
+"""What `kind_at` needs besides the frame."""
+
+
+@kernel
+def _sort(
+    data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
+    found: Ints,
+) -> None:  # fmt: skip
+    """Write each frame's kind to `found`."""
+    for row in range(starts.shape[0]):
+        found[row] = kind_at(data, starts[row], sizes[row], kinds, extras, crcs)
+
+
+@kernel
+def _ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
+    for row in range(starts.shape[0]):
+        at = starts[row]
+        found[row] = -1
+        if sizes[row] >= _MIN_FRAME:
+            if data[at] == _MAGIC and sizes[row] >= _HEADER + _CHECKSUM:
+                found[row] = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
+            elif data[at] == _MAGIC_V1:
+                found[row] = data[at + 5]
+
+
+def message_ids(payloads: Payloads) -> Ints:
+    """(n,) the message ids in the headers, known or not; -1 where a payload cannot be a MAVLink frame."""
+    found = np.empty(len(payloads), dtype=np.int64)
+    _ids(payloads.data, payloads.starts, payloads.sizes, found)
+    return found
+
+
+@kernel
+def _spread(data: Bytes, starts: Ints, sizes: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
+    """Copy the payloads of some frames, zeros behind them, and their (sequence, system, component)."""
+    for place in range(rows.shape[0]):
+        row = rows[place]
+        at = starts[row]
+        for column in range(3):
+            head[place, column] = data[at + 4 + column]
+        at += _HEADER
+        length = min(sizes[row] - _HEADER - _CHECKSUM, raw.shape[1])
+        for column in range(length):
+            raw[place, column] = data[at + column]
+        for column in range(length, raw.shape[1]):
+            raw[place, column] = 0
+
+
+class Group(NamedTuple):
+    """All frames of one message id in a column: where they stood in it, who sent them, what they say."""
+
+    message_id: int
+    rows: Ints
+    sequences: Ints
+    systems: Ints
+    components: Ints
+    values: Table
+
+
+class Cell(NamedTuple):
+    """One column of a message as tables have it: a scalar field, a text, or one element of an array."""
+
+    name: str
+    """The field's name, `name[i]` for an element."""
+    field: str
+    element: int | None
+    kind: str
+    """ "int", "float" or "text"."""
+
+
+@cache
+def cells_of(message_id: int) -> tuple[Cell, ...]:
+    """The columns of a message, in its own order."""
+    cells: list[Cell] = []
+    dtype = dtype_of(message_id)
+    for name in LAYOUTS[message_id].cls.fieldnames:
+        sub = dtype[name]
+        kind = {"S": "text", "f": "float"}.get(sub.base.kind, "int")
+        if sub.shape:
+            cells += [Cell(f"{name}[{place}]", name, place, kind) for place in range(sub.shape[0])]
+        else:
+            cells.append(Cell(name, name, None, kind))
+    return tuple(cells)
+
+
+def sort(payloads: Payloads) -> Ints:
+    """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can tell what it is, if anything."""
+    found = np.empty(len(payloads), dtype=np.int64)
+    _sort(payloads.data, payloads.starts, payloads.sizes, *TABLES, found)
+    return found
+
+
+def kind_of(message_id: int) -> int:
+    """The kind of a message id of the dialect."""
+    return int(_KIND[message_id])
+
+
+KINDS: Final = len(_IDS)
+
+
+def id_of_kind(kind: int) -> int:
+    """The message id of a kind that `sort` found."""
+    return int(_IDS[kind])
+
+
+def group(payloads: Payloads, kind: int, rows: Ints) -> Group:
+    """The messages in `rows`, all of one kind."""
+    number = id_of_kind(kind)
+    dtype = dtype_of(number)
+    raw = np.empty((len(rows), dtype.itemsize), dtype=np.uint8)
+    head = np.empty((len(rows), 3), dtype=np.int64)
+    _spread(payloads.data, payloads.starts, payloads.sizes, rows, head, raw)
+    return Group(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
+
+
+def unpack(payloads: Payloads) -> tuple[list[Group], Ints]:
+    """Messages by id, in order of id, and the rows that are none of them: see `sort`."""
+    kinds = sort(payloads)
+    groups = [group(payloads, kind, np.flatnonzero(kinds == kind)) for kind in np.unique(kinds).tolist() if kind >= 0]
+    return groups, np.flatnonzero(kinds < 0)

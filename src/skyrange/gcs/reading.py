@@ -1,0 +1,157 @@
+"""What of all that came must a pilot read? Telemetry in columns: decoded, kept, and taken into belief at once.
+
+A message that says what was known already, and that its pilot does not watch for, only renews what is known: that is
+done here, in one kernel over all frames of a step. Any other is for the pilot, and so is all that follows it in the
+same step from the same aircraft: each pilot reads in the order in which things came.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Bytes, Ints, Payloads
+from skyrange.codec.columns import KINDS, TABLES, dtype_of, kind_at, kind_of
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS
+from skyrange.core.compiled import kernel
+from skyrange.core.time import Time
+from skyrange.gcs.belief import Beliefs, Watch
+
+
+def _offset(message_id: int, name: str) -> int:
+    """Where a field of a message begins in its payload."""
+    fields = dtype_of(message_id).fields
+    assert fields is not None
+    return int(fields[name][1])
+
+
+_HEADER: Final = int(HEADER_V2)
+_FRAMING: Final = int(HEADER_V2 + CHECKSUM)
+_WIDEST: Final = max(layout.size for layout in LAYOUTS.values())
+_HEARTBEAT: Final = kind_of(mav.MAVLINK_MSG_ID_HEARTBEAT)
+_BASE_MODE: Final = _offset(mav.MAVLINK_MSG_ID_HEARTBEAT, "base_mode")
+_CUSTOM_MODE: Final = _offset(mav.MAVLINK_MSG_ID_HEARTBEAT, "custom_mode")
+_POSITION: Final = kind_of(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+_CURRENT: Final = kind_of(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
+_ITEM: Final = _offset(mav.MAVLINK_MSG_ID_MISSION_CURRENT, "seq")
+_STATE: Final = _offset(mav.MAVLINK_MSG_ID_MISSION_CURRENT, "mission_state")
+_COMPLETE: Final = int(mav.MISSION_STATE_COMPLETE)
+_ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
+_WATCH_HEARTBEAT: Final = int(Watch.HEARTBEAT)
+_WATCH_POSITION: Final = int(Watch.POSITION)
+_WATCH_COMPLETE: Final = int(Watch.COMPLETE)
+
+
+@kernel
+def _take_in(now: int, belief: Any, kind: int, sequence: int, told: Bytes) -> bool:
+    """Take a payload into a belief, unless its pilot has to read it: whether it has."""
+    if kind == _HEARTBEAT:
+        mode = np.int64(0)
+        for byte in range(4):
+            mode |= np.int64(told[_CUSTOM_MODE + byte]) << (8 * byte)
+        armed = 1 if told[_BASE_MODE] & _ARMED else 0
+        if mode != belief.mode or armed != belief.armed or belief.watch & _WATCH_HEARTBEAT:
+            return True
+        belief.heard_ns = now
+        if armed == 1:
+            belief.disarmed_beats = 0
+        elif sequence != belief.beat_seq:
+            belief.disarmed_beats += 1
+        belief.beat_seq = sequence
+    elif kind == _POSITION:
+        if belief.watch & _WATCH_POSITION:
+            return True
+        belief.position_ns = now
+    elif kind == _CURRENT:
+        item = np.int64(told[_ITEM]) | np.int64(told[_ITEM + 1]) << 8
+        if item != belief.item or (told[_STATE] == _COMPLETE and belief.watch & _WATCH_COMPLETE):
+            return True
+        belief.item_ns = now
+        belief.farthest_item = max(belief.farthest_item, item)
+    return False
+
+
+@kernel
+def _read(
+    now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, begin: int, systems: Ints, component: int,
+    kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16], role: Ints, slots: Ints,
+    latest: NDArray[np.uint8], told: NDArray[np.bool_], table: Any, single: NDArray[np.bool_],
+) -> int:  # fmt: skip
+    """Read frames from `begin` on; returns the first whose kind has no slot yet, or how many there are."""
+    for row in range(begin, starts.shape[0]):
+        place = places[row]
+        at = starts[row]
+        single[row] = True
+        if place >= systems.shape[0]:
+            continue
+        kind = kind_at(data, at, sizes[row], kinds, extras, crcs)
+        belief = table[place]
+        if kind < 0 or data[at + 5] != systems[place] or data[at + 6] != component:
+            belief.read_ns = now
+            continue
+        slot = slots[kind]
+        if slot < 0:
+            return row
+        body = latest[slot, place]
+        length = min(sizes[row] - _FRAMING, body.shape[0])
+        for column in range(length):
+            body[column] = data[at + _HEADER + column]
+        for column in range(length, body.shape[0]):
+            body[column] = 0
+        told[slot, place] = True
+        asked = role[kind] == 1 or (role[kind] == 2 and belief.read_ns == now)
+        if asked or (role[kind] == 2 and _take_in(now, belief, kind, data[at + 4], body)):
+            belief.read_ns = now
+            continue
+        single[row] = False
+        belief.frames += 1
+    return int(starts.shape[0])
+
+
+class Reader:
+    """Reads a station's mail in columns. Deep-copyable."""
+
+    def __init__(self, beliefs: Beliefs, systems: Sequence[int], component: int, read: Collection[int]) -> None:
+        """`systems` by place; `read` are the ids of the messages that pilots read at all."""
+        self._beliefs = beliefs
+        self._systems = np.array(systems, dtype=np.int64)
+        self._component = component
+        self._role = np.zeros(KINDS, dtype=np.int64)  # 0 kept only, 1 the pilot's, 2 the pilot's unless taken in
+        for message_id in read:
+            self._role[kind_of(message_id)] = 1
+        self._role[[_HEARTBEAT, _POSITION, _CURRENT]] = 2
+        self._slots = np.full(KINDS, -1, dtype=np.int64)
+        self._latest = np.zeros((0, len(systems), _WIDEST), dtype=np.uint8)
+        self._told = np.zeros((0, len(systems)), dtype=np.bool_)
+
+    def read(self, now: Time, places: Ints, payloads: Payloads) -> Ints:
+        """Take in frames from the aircraft at `places`: the rows that are left for pilots (or for others)."""
+        single = np.empty(len(payloads), dtype=np.bool_)
+        done = 0
+        while True:
+            done = _read(
+                now, payloads.data, payloads.starts, payloads.sizes, places, done, self._systems, self._component,
+                *TABLES, self._role, self._slots, self._latest, self._told, self._beliefs.table, single,
+            )  # fmt: skip
+            if done == len(payloads):
+                return np.flatnonzero(single)
+            self._add_slot(payloads, done)
+
+    def _add_slot(self, payloads: Payloads, row: int) -> None:
+        start, size = payloads.starts.item(row), payloads.sizes.item(row)
+        self._slots[kind_at(payloads.data, start, size, *TABLES)] = len(self._latest)
+        count = self._latest.shape[1]
+        self._latest = np.concatenate([self._latest, np.zeros((1, count, _WIDEST), dtype=np.uint8)])
+        self._told = np.concatenate([self._told, np.zeros((1, count), dtype=np.bool_)])
+
+    def latest(self, place: int, message_id: int) -> Any:
+        """The last message of a kind as a record of its fields, or `None`."""
+        slot = self._slots[kind_of(message_id)]
+        if slot < 0 or not self._told[slot, place]:
+            return None
+        dtype = dtype_of(message_id)
+        return self._latest[slot, place, : dtype.itemsize].copy().view(dtype)[0]

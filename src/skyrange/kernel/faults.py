@@ -1,0 +1,109 @@
+"""What do the sensors say after the declared faults have been at them?
+
+Between the world's sensors and the engines. Each fault works on a copy of its vehicles' rows, in order of attack and
+name; what an attack that acts has written is kept and handed on, to later faults and to the engines. Vehicles that no
+fault reaches keep the world's own arrays where no other vehicle of their engine is reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import SensorAct, SensorFault, Sensors, World
+from skyrange.agent.links import AttackPlan
+from skyrange.agent.verdicts import Label
+from skyrange.core.errors import ComponentError, Fault, InputError, nearest
+from skyrange.core.ids import FrameId
+from skyrange.core.time import Time
+from skyrange.kernel.traffic import acts, blamed
+
+_ARRAYS = tuple(field.name for field in fields(Sensors))
+Rows = slice | NDArray[np.int64]
+
+
+class FaultBench:
+    """The sensor faults of all attacks of one kernel."""
+
+    def __init__(self, attacks: Sequence[AttackPlan], world: World | None) -> None:
+        """Raises `InputError` for a vehicle that the world does not have, or a name used twice."""
+        owned = [(attack, fault) for attack in attacks for fault in attack.faults]
+        owned.sort(key=lambda pair: (pair[0].id, pair[1].name))
+        vehicles = list(world.vehicles) if world is not None else []
+        _check(owned, vehicles)
+        reached = sorted({vehicles.index(vehicle) for _, fault in owned for vehicle in fault.vehicles})
+        self.present = bool(owned)
+        """Whether there is any."""
+        self._rows = np.array(reached, dtype=np.int64)
+        self._place = np.full(len(vehicles), -1, dtype=np.int64)
+        self._place[self._rows] = np.arange(len(reached))
+        self._owned = [
+            (attack, fault, self._place[np.array([vehicles.index(v) for v in fault.vehicles], dtype=np.int64)])
+            for attack, fault in owned
+        ]
+        self._acts: dict[tuple[str, str], int] = {}
+        self._now: Sensors | None = None
+
+    def work(self, now: Time, world: World) -> list[Label]:
+        """Let every fault at this tick's sensors; returns the labels of what counts."""
+        table = _copy(world.sensors(self._rows))
+        labels = []
+        for attack, fault, places in self._owned:
+            rows = Sensors(*(getattr(table, name)[places] for name in _ARRAYS))
+            try:
+                done = list(fault.on_sensors(now, rows))
+            except Exception as error:
+                raise blamed(f"sensor fault {fault.name}", now, error) from error
+            if acts(attack, now):
+                for name in _ARRAYS:
+                    getattr(table, name)[places] = getattr(rows, name)
+                labels += [self._label(now, attack, fault, act) for act in done]
+        self._now = table
+        return labels
+
+    def reaching(self, rows: Rows, sensors: Sensors) -> Sensors:
+        """An engine's sensors with what the faults have made of them."""
+        places = self._place[rows]
+        hit = np.flatnonzero(places >= 0)
+        if not len(hit):
+            return sensors
+        assert self._now is not None
+        sensors = _copy(sensors)
+        for name in _ARRAYS:
+            array = getattr(sensors, name)
+            array[hit] = getattr(self._now, name)[places[hit]]
+            array.flags.writeable = False
+        return sensors
+
+    def _label(self, now: Time, attack: AttackPlan, fault: SensorFault, act: SensorAct) -> Label:
+        if act.vehicle not in fault.vehicles:
+            raise ComponentError(f"sensor fault {fault.name}", f"reports an act on {act.vehicle}, which is not its own")
+        link = f"{act.sensor}:{act.vehicle}"
+        serial = self._acts.get((fault.name, link), 0)
+        self._acts[fault.name, link] = serial + 1
+        return Label(now, attack.id, fault.name, "sensor", FrameId(link, "fwd", fault.name, serial))
+
+
+def _copy(sensors: Sensors) -> Sensors:
+    return Sensors(*(np.array(getattr(sensors, name)) for name in _ARRAYS))
+
+
+def _check(owned: Sequence[tuple[AttackPlan, SensorFault]], vehicles: Sequence[str]) -> None:
+    faults = []
+    seen: set[str] = set()
+    for attack, fault in owned:
+        if fault.name in seen:
+            faults.append(Fault(f"{attack.id}.faults", repr(fault.name), "a name that no other sensor fault has"))
+        seen.add(fault.name)
+        faults += [
+            Fault(f"{attack.id}.{fault.name}.vehicles", repr(vehicle), "a vehicle", nearest(vehicle, vehicles))
+            for vehicle in fault.vehicles
+            if vehicle not in vehicles
+        ]
+        if len(set(fault.vehicles)) < len(fault.vehicles):
+            faults.append(Fault(f"{attack.id}.{fault.name}.vehicles", repr(list(fault.vehicles)), "each vehicle once"))
+    if faults:
+        raise InputError("wiring", faults)

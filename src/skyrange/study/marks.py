@@ -1,0 +1,79 @@
+"""What went wrong, where and when? Collisions, crashes, breaches and failsafes as marks for timeline and map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from skyrange.core.time import NS_PER_S
+from skyrange.study.series import Happening, Record, Track, happenings, truth_tracks
+from skyrange.study.svg import number
+
+_KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
+_REASONS = frozenset({"gps_glitch", "fence_breached", "avoidance", "terrain_following_failed"})
+"""ArduCopter's ModeReasons besides those in …_failsafe that no pilot or mission gave (libraries/…/ModeReason.h)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """`kind` is collision, crash, breach or failsafe; `enu_m` where the aircraft truly was."""
+
+    time_ns: int
+    vehicle: str
+    kind: str
+    enu_m: tuple[float, float, float]
+    words: str
+
+
+def alarming(row: Happening) -> str:
+    """The kind of mark that an event is worth, "" for none."""
+    if row.kind == "event.mode":
+        reason = str(row.data.get("reason", ""))
+        return "failsafe" if reason.endswith("_failsafe") or reason in _REASONS else ""
+    return _KINDS.get(row.kind, "")
+
+
+def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark]:
+    """A mark for every alarming event about an aircraft whose place is known, in time order."""
+    found = []
+    for row in events:
+        kind = alarming(row)
+        track = tracks.get(row.about.split(".", 1)[0])
+        if not kind or track is None or not len(track):
+            continue
+        east_m, north_m, up_m = track.at(np.array([row.time_ns]))[0].tolist()
+        found.append(Mark(row.time_ns, row.about, kind, (east_m, north_m, up_m), said(row)))
+    return sorted(found, key=lambda mark: mark.time_ns)
+
+
+def said(row: Happening) -> str:
+    """An alarming event in words."""
+    time_s = row.time_ns / NS_PER_S
+    what = row.kind.partition(".")[2].replace("_", " ")
+    if row.kind == "event.mode":
+        what = f"{row.data.get('mode', '?')} for {str(row.data.get('reason', '')).replace('_', ' ')}"
+    elif row.kind == "event.collision":
+        what = f"collision with {row.data.get('with', '?')}"
+        if isinstance(speed := row.data.get("speed_mps"), (int, float)):
+            what += f" at {speed:.1f} m/s"
+    return f"{row.about}: {what}, {time_s:.1f} s"
+
+
+def drawn(mark: Mark, x: float, y: float) -> str:
+    """SVG at a pixel: a cross for a collision or crash, a triangle for what turned an aircraft around."""
+    violent = mark.kind in ("collision", "crash")
+    shape = "M-6 -6L6 6M6 -6L-6 6" if violent else "M0 -7L7 5H-7z"
+    return (
+        f'<g class="mishap" transform="translate({number(x)} {number(y)})">'
+        f'<path d="{shape}" fill="none" stroke="#fff" stroke-width="5" stroke-opacity=".85"/>'
+        f'<path d="{shape}" fill="{"none" if violent else "#e08a00"}" stroke="{"#c81e1e" if violent else "#8a4f00"}" '
+        f'stroke-width="{2.6 if violent else 1.2}" stroke-linecap="round"/><title>{escape(mark.words)}</title></g>'
+    )
+
+
+def marks_of(record: Record) -> list[Mark]:
+    """The marks of a run."""
+    return marks(happenings(record, "events"), truth_tracks(record))

@@ -1,0 +1,97 @@
+"""How much is left in the battery? Voltage, current, charge drawn, and the voltage that it would have at rest.
+
+After libraries/AP_BattMonitor/AP_BattMonitor_Backend.cpp: `update_consumed`, `capacity_remaining_pct`,
+`update_resistance_estimate`, `arming_checks`. What a low one leads to is in `failsafes.battery`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.fleet import Fleet
+from skyrange.vehicle.builtin.watch_layout import NO_PRIORITY
+
+_MAH_PER_AS = 1.0 / 3.6
+_FAST_S = 0.5  # AP_BATT_MONITOR_RES_EST_TC_1
+_STEP = 0.1  # AP_BATT_MONITOR_RES_EST_TC_2
+_CAPACITY_MIN_MAH = 10.0  # capacity_remaining_pct
+
+
+@kernel
+def _resistance(b: Any, dt_s: float) -> None:
+    """Estimate the inner resistance from how voltage and current move against their low-passed selves."""
+    if b.current <= 0.0:
+        return
+    b.most_a = max(b.most_a, b.current)
+    change = b.current - b.slow_a
+    if change == 0.0:
+        return
+    if b.voltage > b.reference_v:
+        b.reference_v = b.voltage
+        b.reference_a = b.current
+    fast = min(dt_s / (dt_s + _FAST_S), 0.5)
+    weight = min(1.0, _STEP * abs(change / b.most_a))
+    seen = -(b.voltage - b.slow_v) / change
+    if seen > 0.0:
+        b.resistance = b.resistance * (1.0 - weight) + seen * weight
+    if b.reference_v > b.voltage and b.current > b.reference_a:
+        b.resistance = min(b.resistance, (b.reference_v - b.voltage) / (b.current - b.reference_a))
+    b.slow_v += (b.voltage - b.slow_v) * fast
+    b.slow_a += change * fast
+    b.resting_v = b.voltage + b.current * b.resistance
+
+
+@kernel
+def measure(e: Any, p: Any, b: Any, dt_s: float) -> None:
+    """Take voltage and current, and count what was drawn in `dt_s`."""
+    b.voltage = e.battery_v
+    b.current = e.battery_a
+    drawn_mah = b.current * dt_s * _MAH_PER_AS
+    b.consumed_mah += drawn_mah
+    b.consumed_wh += 0.001 * drawn_mah * b.voltage
+    _resistance(b, dt_s)
+    b.resting_v = max(b.resting_v, b.voltage)
+    if p.BATT_CAPACITY > _CAPACITY_MIN_MAH:
+        left = 100.0 * (p.BATT_CAPACITY - b.consumed_mah) / p.BATT_CAPACITY
+        b.remaining_pct = int(min(max(left, 0.0), 255.0))
+    else:
+        b.remaining_pct = -1
+
+
+def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> list[tuple[NDArray[np.bool_], str]]:
+    """Which of some rows the battery forbids to arm, by reason, the most important first (`arming_checks`)."""
+    power, settings = fleet.power, fleet.settings
+
+    def value(name: str) -> NDArray[np.float64]:
+        return np.asarray(settings[name][rows], dtype=float)
+
+    now_v = power["voltage"][rows]
+    volts = np.where(value("BATT_FS_VOLTSRC") == 1, power["resting_v"][rows], now_v)
+    left_mah = value("BATT_CAPACITY") - power["consumed_mah"][rows]
+    low_v, crt_v = value("BATT_LOW_VOLT"), value("BATT_CRT_VOLT")
+    low_mah, crt_mah = value("BATT_LOW_MAH"), value("BATT_CRT_MAH")
+    arm_v, arm_mah = value("BATT_ARM_VOLT"), value("BATT_ARM_MAH")
+    watched = value("BATT_MONITOR") != 0
+    reasons = (
+        (~(now_v > 0.0), "unhealthy"),
+        ((arm_v > 0.0) & (now_v < arm_v), "below minimum arming voltage"),
+        ((arm_mah > 0.0) & (left_mah < arm_mah), "below minimum arming capacity"),
+        ((volts > 0.0) & (low_v > 0.0) & (volts < low_v), "low voltage failsafe"),
+        ((low_mah > 0.0) & (left_mah < low_mah), "low capacity failsafe"),
+        ((volts > 0.0) & (crt_v > 0.0) & (volts < crt_v), "critical voltage failsafe"),
+        ((crt_mah > 0.0) & (left_mah < crt_mah), "critical capacity failsafe"),
+        ((crt_mah > 0.0) & (low_mah > 0.0) & (low_mah <= crt_mah), "capacity failsafe critical >= low"),
+        ((crt_v > 0.0) & (low_v > 0.0) & (low_v <= crt_v), "voltage failsafe critical >= low"),
+    )
+    return [(watched & bad, f"Battery 1 {words}") for bad, words in reasons]
+
+
+def full(fleet: Fleet, row: int) -> None:
+    """A full battery and no failsafe, as after power-on."""
+    fleet.power[row] = np.zeros((), dtype=fleet.power.dtype)
+    fleet.power["priority"][row] = NO_PRIORITY
+    fleet.power["voltage"][row] = fleet.estimate["battery_v"][row]

@@ -1,0 +1,45 @@
+"""What does an aircraft know after it was switched off and on? Its parameters, its mission, and nothing else.
+
+After ArduPilot's storage (AP_Param, AP_Mission) and `Copter::init_ardupilot`. It takes no time here.
+"""
+
+from __future__ import annotations
+
+from skyrange.vehicle.builtin.arming import disarm
+from skyrange.vehicle.builtin.failsafes import service
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
+from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.parameters import PARAMETERS, settle, stored
+from skyrange.vehicle.builtin.telemetry.schedule import Schedule
+from skyrange.vehicle.builtin.telemetry.streams import boot_rates
+
+
+def reboot(fleet: Fleet, schedule: Schedule, craft: Craft, causes: Causes) -> None:
+    """Start anew: disarmed, in STABILIZE, under the system id that is stored, reporting at the rates of boot."""
+    row = craft.row
+    if fleet.armed(craft):
+        disarm(fleet, craft, "reboot", causes)
+    for index, value in craft.unsaved.items():
+        fleet.stored[row, index] = value
+    craft.unsaved.clear()
+    if craft.erased:
+        fleet.stored[row] = [stored(parameter, parameter.default) for parameter in PARAMETERS]
+        craft.erased = False
+    settle(fleet.settings, row, fleet.stored[row])
+    craft.system_id = int(fleet.param(craft, "SYSID_THISMAV"))
+    craft.packer.system = craft.system_id
+    craft.packer.sequence = 0
+    fleet.systems[row] = craft.system_id
+    fleet.boot_ns[row] = fleet.now
+    craft.mode = Mode.STABILIZE
+    craft.mode_causes = causes
+    craft.uploads = [Upload() for _ in craft.uploads]
+    craft.mission_state = MissionState.NOT_STARTED if craft.sees_mission else MissionState.NONE
+    craft.params_next = len(PARAMETERS)
+    craft.home = fleet.position(craft)
+    craft.home_locked = False
+    for timer in Timer:
+        fleet.timer(craft, timer)
+    service.boot(fleet, craft)
+    boot_rates(schedule, fleet, craft)
+    fleet.note("event.reboot", craft, {"system_id": craft.system_id}, causes)

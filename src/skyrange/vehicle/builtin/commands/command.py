@@ -1,0 +1,119 @@
+"""What is a command, however it came? COMMAND_INT, or a COMMAND_LONG turned into one, and the numbers in its fields.
+
+https://mavlink.io/en/services/command.html and `convert_COMMAND_LONG_to_COMMAND_INT`, `location_from_command_t`,
+`mav_frame_for_command_long` of libraries/GCS_MAVLink/GCS_Common.cpp.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
+
+ACCEPTED: Final = int(mav.MAV_RESULT_ACCEPTED)
+DENIED: Final = int(mav.MAV_RESULT_DENIED)
+FAILED: Final = int(mav.MAV_RESULT_FAILED)
+UNSUPPORTED: Final = int(mav.MAV_RESULT_UNSUPPORTED)
+BUSY: Final = int(mav.MAV_RESULT_TEMPORARILY_REJECTED)
+
+ALT_MAX_M: Final = 83_000.0
+"""LOCATION_ALT_MAX_M (AP_Common/Location.h)."""
+_RELATIVE: Final = frozenset((mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT))
+_TERRAIN: Final = frozenset((mav.MAV_FRAME_GLOBAL_TERRAIN_ALT, mav.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT))
+_ABSOLUTE: Final = frozenset((mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_INT))
+_LOCATED: Final = frozenset(
+    (
+        mav.MAV_CMD_DO_SET_HOME,
+        mav.MAV_CMD_DO_SET_ROI,
+        mav.MAV_CMD_DO_SET_ROI_LOCATION,
+        mav.MAV_CMD_DO_REPOSITION,
+        mav.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
+    )
+)
+"""Commands whose fifth and sixth parameter are degrees, 1e-7 degrees as integers (`command_long_stores_location`)."""
+_FRAME_OF_LONG: Final = {
+    mav.MAV_CMD_DO_SET_ROI: mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mav.MAV_CMD_DO_SET_ROI_LOCATION: mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mav.MAV_CMD_DO_SET_HOME: mav.MAV_FRAME_GLOBAL,
+}
+"""The frame that a COMMAND_LONG with a place means; one without a row here is not taken as COMMAND_LONG."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command with its parameters; `x` and `y` are integers, `frame` is a MAV_FRAME, `partner` whom to answer."""
+
+    number: int
+    params: tuple[float, float, float, float]
+    x: int
+    y: int
+    z: float
+    frame: int
+    partner: tuple[int, int]
+    causes: Causes
+    after: list[int] = field(default_factory=list)
+    """Messages that follow the acknowledgement."""
+
+
+def of(message: Any, partner: tuple[int, int], causes: Causes) -> Command | None:
+    """The command of a COMMAND_INT or COMMAND_LONG; `None` where it cannot come as COMMAND_LONG."""
+    params = (message.param1, message.param2, message.param3, message.param4)
+    number = message.command
+    if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_INT:
+        return Command(number, params, message.x, message.y, message.z, message.frame, partner, causes)
+    frame = int(mav.MAV_FRAME_GLOBAL_RELATIVE_ALT)
+    scale = 1.0
+    if number in _LOCATED:
+        if number not in _FRAME_OF_LONG:
+            return None
+        frame, scale = int(_FRAME_OF_LONG[number]), 1e7
+    x, y = (0 if math.isnan(part) else int32(part * scale) for part in (message.param5, message.param6))
+    return Command(number, params, x, y, message.param7, frame, partner, causes)
+
+
+def int32(value: float) -> int:
+    """A float in a signed 32-bit field. What does not fit, or is no number, becomes the least, which means nothing.
+
+    ArduPilot leaves such a conversion to the compiler; this is what x86 makes of it.
+    """
+    return int(value) if -(2.0**31) < value < 2.0**31 else -(2**31)
+
+
+def uint32(value: float) -> int:
+    """The same without a sign; there it is the greatest. ArduPilot may read 0 instead, which can mean much."""
+    return int(value) if -1.0 < value < 2.0**32 else 2**32 - 1
+
+
+def uint8(value: float) -> int:
+    """The lowest byte of that."""
+    return uint32(value) & 0xFF
+
+
+def on_earth(x: int, y: int) -> bool:
+    """Whether these are a latitude and a longitude in 1e-7 degrees (AP_Math/location.cpp `check_latlng`)."""
+    return abs(x) <= 900_000_000 and abs(y) <= 1_800_000_000
+
+
+def place(fleet: Fleet, craft: Craft, command: Command) -> tuple[float, float, float] | None:
+    """The command's place in ENU metres; `None` for an altitude or a frame that cannot be. Terrain is flat."""
+    if not abs(command.z) <= ALT_MAX_M:
+        return None
+    if command.frame in _RELATIVE:
+        up = craft.home[2] + command.z
+    elif command.frame in _TERRAIN:
+        up = command.z
+    elif command.frame in _ABSOLUTE:
+        up = command.z - fleet.origin.alt_msl_m
+    else:
+        return None
+    held = (max(min(command.x, 900_000_000), -900_000_000), max(min(command.y, 1_800_000_000), -1_800_000_000))
+    east, north = fleet.origin.enu_of(held[0] * 1e-7, held[1] * 1e-7)
+    return east, north, up
+
+
+def is_relative(command: Command) -> bool:
+    """Whether the altitude is above home or terrain."""
+    return command.frame in _RELATIVE or command.frame in _TERRAIN

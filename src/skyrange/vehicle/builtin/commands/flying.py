@@ -1,0 +1,214 @@
+"""Which commands make the aircraft fly, and how are they answered? Arming, take-off, modes, speed, yaw, targets.
+
+After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_command_int_packet` and what it calls) and
+`handle_command_component_arm_disarm`, `_set_mode_common` of GCS_Common.cpp.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.vehicle.builtin import facing, navigator, targets
+from skyrange.vehicle.builtin.arming import FORCE, FORCE_ARM, arm, disarm, take_off
+from skyrange.vehicle.builtin.commands.command import (
+    ACCEPTED,
+    DENIED,
+    FAILED,
+    UNSUPPORTED,
+    Command,
+    int32,
+    is_relative,
+    on_earth,
+    place,
+    uint8,
+    uint32,
+)  # fmt: skip
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer
+from skyrange.vehicle.builtin.home import announce
+from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.switching import set_mode
+from skyrange.vehicle.builtin.telemetry.schedule import Schedule
+
+_SPEED_TYPES: Final = 4
+_CHANGE_MODE: Final = int(mav.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
+_ALT_SENSE_M: Final = 1e5
+
+
+def arm_disarm(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """COMPONENT_ARM_DISARM: 2989 in param2 arms without checks, 21196 does, and stops the motors in the air."""
+    want, magic = command.params[0], command.params[1]
+    if want == 1.0:
+        if fleet.armed(craft):
+            return ACCEPTED
+        if not arm(fleet, craft, magic not in (FORCE_ARM, FORCE), command.causes):
+            return FAILED
+        announce(fleet, craft, command.causes)
+        navigator.update(fleet, craft)
+        return ACCEPTED
+    if want == 0.0:
+        if fleet.armed(craft):
+            if magic != FORCE and not fleet.landed(craft):
+                return FAILED
+            disarm(fleet, craft, "forced" if magic == FORCE else "command", command.causes)
+        return ACCEPTED
+    return UNSUPPORTED
+
+
+def takeoff(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """NAV_TAKEOFF to a height above home: in GUIDED, armed, on the ground (Mode::do_user_takeoff)."""
+    if command.frame != mav.MAV_FRAME_GLOBAL_RELATIVE_ALT:
+        return DENIED
+    # ArduCopter makes a whole number of centimetres of it, whatever it is: what is none is refused here
+    if not abs(command.z) <= _ALT_SENSE_M:
+        return DENIED
+    up = craft.home[2] + command.z
+    if craft.mode != Mode.GUIDED or not fleet.armed(craft) or not fleet.landed(craft) or up <= fleet.position(craft)[2]:
+        return FAILED
+    craft.ready = True
+    craft.target_causes = command.causes
+    fleet.limits(craft)
+    take_off(fleet, craft, up)
+    return ACCEPTED
+
+
+def _enter(fleet: Fleet, craft: Craft, mode: int, causes: Causes) -> int:
+    return ACCEPTED if set_mode(fleet, craft, mode, "gcs_command", causes) else FAILED
+
+
+def land(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """NAV_LAND: LAND here, wherever the command says."""
+    return _enter(fleet, craft, Mode.LAND, command.causes)
+
+
+def go_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """NAV_RETURN_TO_LAUNCH: RTL."""
+    return _enter(fleet, craft, Mode.RTL, command.causes)
+
+
+def loiter(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """NAV_LOITER_UNLIM: LOITER."""
+    return _enter(fleet, craft, Mode.LOITER, command.causes)
+
+
+def choose_mode(fleet: Fleet, craft: Craft, base_mode: int, number: int, causes: Causes) -> int:
+    """Change the mode as SET_MODE or DO_SET_MODE ask; a safety switch, which the base mode can mean, is not fitted."""
+    if base_mode & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        return _enter(fleet, craft, number, causes)
+    if base_mode == mav.MAV_MODE_FLAG_DECODE_POSITION_SAFETY and number in (0, 1):
+        return ACCEPTED if number == 0 else FAILED
+    return DENIED
+
+
+def do_set_mode(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_SET_MODE. What is no number chooses no mode, though ArduCopter would read mode 0, STABILIZE, from it."""
+    base, number = command.params[0], command.params[1]
+    if not (math.isfinite(base) and math.isfinite(number)):
+        return DENIED
+    return choose_mode(fleet, craft, uint8(base), uint32(number), command.causes)
+
+
+def mission_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """MISSION_START: the whole mission; the aircraft may leave the ground."""
+    if command.params[0] != 0.0 or command.params[1] != 0.0:
+        return DENIED  # a first or last item is not supported
+    if not set_mode(fleet, craft, Mode.AUTO, "gcs_command", command.causes):
+        return FAILED
+    craft.mode_causes = command.causes
+    craft.ready = fleet.armed(craft)
+    if craft.mission_state != MissionState.ACTIVE:
+        navigator.start_or_resume(fleet, craft)
+    navigator.update(fleet, craft)
+    return ACCEPTED
+
+
+def change_speed(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_CHANGE_SPEED: level (0, 1), climb (2) or descent (3) speed, until the mode changes."""
+    kind, speed = int32(command.params[0]), command.params[1]
+    if not speed > 0.0 or kind == _SPEED_TYPES:
+        return DENIED
+    if craft.mode not in (Mode.AUTO, Mode.GUIDED, Mode.RTL):
+        return FAILED
+    return ACCEPTED if navigator.change_speed(fleet, craft, kind, speed) else FAILED
+
+
+def turn(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """CONDITION_YAW: turn the nose to an angle from north, or by an angle (param4 1), at most as fast as the aircraft.
+
+    ArduCopter's automatic yaw does so in any mode, which shows in those that fly by themselves.
+    """
+    angle, rate, direction, relative = command.params
+    if not 0.0 <= angle <= 360.0 or relative not in (0.0, 1.0):
+        return FAILED
+    if not (math.isfinite(rate) and math.isfinite(direction)):
+        return FAILED
+    sense = (direction > 0.0) - (direction < 0.0)
+    facing.turn(fleet, craft, angle, max(rate, 0.0), sense, relative == 1.0)
+    return ACCEPTED
+
+
+def reposition(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_REPOSITION: fly to a place in GUIDED, or (bit 0 of param2) change to it for that. COMMAND_INT only."""
+    may_change = bool(int32(command.params[1]) & _CHANGE_MODE)
+    if craft.mode != Mode.GUIDED and not may_change:
+        return DENIED
+    if not on_earth(command.x, command.y) or (command.x == 0 and command.y == 0):
+        return DENIED
+    goal = place(fleet, craft, command)
+    if goal is None or (command.z == 0.0 and is_relative(command)):
+        return DENIED
+    if craft.mode != Mode.GUIDED and not set_mode(fleet, craft, Mode.GUIDED, "gcs_command", command.causes):
+        return FAILED
+    craft.target_causes = command.causes
+    if fleet.armed(craft) and not fleet.landed(craft):
+        fleet.timer(craft, Timer.STALE)
+        targets.go_to(fleet, craft, goal)
+        facing.default(fleet, craft)
+    return ACCEPTED
+
+
+def terminate(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_FLIGHTTERMINATION: stop the motors, wherever it is."""
+    if not command.params[0] > 0.5:
+        return FAILED
+    if fleet.armed(craft):
+        disarm(fleet, craft, "termination", command.causes)
+    return ACCEPTED
+
+
+def set_current(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_SET_MISSION_CURRENT; param2 1 clears jump counters and goes on after the end."""
+    seq = uint32(command.params[0])
+    if seq >= len(craft.mission):
+        return DENIED
+    again = command.params[1] == 1.0
+    if again:
+        navigator.reset(craft)
+    if not navigator.set_current(fleet, craft, seq):
+        return FAILED
+    if again and craft.mode == Mode.AUTO and craft.mission_state != MissionState.ACTIVE:
+        navigator.start_or_resume(fleet, craft)
+    command.after.append(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
+    return ACCEPTED
+
+
+def jump_tag(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_JUMP_TAG: no mission item here has a tag."""
+    return DENIED if uint32(command.params[0]) > 0xFFFF else FAILED
+
+
+def pause(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_PAUSE_CONTINUE: as in a mode that does not pause."""
+    what = uint8(command.params[0])
+    if what > 1:
+        return DENIED
+    fleet.text(craft, mav.MAV_SEVERITY_INFO, "Failed to pause" if what == 0 else "Failed to resume", command.causes)
+    return FAILED
+
+
+def motor_test(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_MOTOR_TEST: refused, in the air as ArduCopter does, on the ground because the radio was never calibrated."""
+    why = "RC not calibrated" if fleet.landed(craft) else "vehicle not landed"
+    fleet.text(craft, mav.MAV_SEVERITY_CRITICAL, f"Motor Test: {why}", command.causes)
+    return FAILED

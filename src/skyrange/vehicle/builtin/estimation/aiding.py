@@ -1,0 +1,163 @@
+"""Is the aircraft still guided by GNSS, and since when not? Time-outs, aiding modes, and checks of the receiver.
+
+NavEKF3_core::setAidingMode (AP_NavEKF3_Control.cpp), calcGpsGoodToAlign and calcGpsGoodForFlight
+(AP_NavEKF3_VehicleStatus.cpp), with GNSS as the only aid: no flow, no airspeed, no beacons.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.core.time import NS_PER_S
+from skyrange.vehicle.builtin.estimation.covariance import forget_position, forget_velocity
+from skyrange.vehicle.builtin.estimation.state import (
+    GPS_FAIL_NS,
+    GPS_PASS_NS,
+    INNOVATION_FAIL_NS,
+    INNOVATION_PASS_NS,
+    POS_RETRY_NO_VEL_NS,
+    POS_RETRY_USE_VEL_NS,
+    TILT_DRIFT_MAX_NS,
+    Aiding,
+    News,
+)
+from skyrange.vehicle.builtin.shaping import clamp
+
+_NONE = int(Aiding.NONE)
+_ABSOLUTE = int(Aiding.ABSOLUTE)
+_STOPPED = int(News.STOPPED_AIDING)
+_STARTED = int(News.STARTED_AIDING)
+_POSITION = int(News.POSITION_RESET)
+_VELOCITY = int(News.VELOCITY_RESET)
+_HYSTERESIS = 1.3  # calcGpsGoodToAlign: looser once passed
+_NSATS, _HDOP, _SPEED, _POSITION_ERROR, _YAW = 1, 2, 4, 8, 16  # bits of EK3_GPS_CHECK (MASK_GPS_…)
+_HDOP_MAX = 2.5
+_SATELLITES_MIN = 6
+_HOLD_S = 10.0  # time constant of the peak hold on speed accuracy
+
+
+@kernel
+def set_position(k: Any, east: float, north: float) -> None:
+    """Put the state at a place and remember how far what is shown jumps."""
+    for axis in range(2):
+        to = east if axis == 0 else north
+        k.shift_pos[axis] += to - (k.pos[axis] - k.slack_pos[axis])
+        k.moved_pos[axis] += to - k.pos[axis]
+        k.pos[axis] = to
+        k.slack_pos[axis] = 0.0
+    k.news |= _POSITION
+
+
+@kernel
+def set_velocity(k: Any, east: float, north: float) -> None:
+    """The same for horizontal velocity."""
+    for axis in range(2):
+        to = east if axis == 0 else north
+        k.shift_vel[axis] += to - (k.vel[axis] - k.slack_vel[axis])
+        k.moved_vel[axis] += to - k.vel[axis]
+        k.vel[axis] = to
+        k.slack_vel[axis] = 0.0
+    k.news |= _VELOCITY
+
+
+@kernel
+def check_aiding(k: Any, p: Any, now: int) -> None:
+    """Declare position, velocity, and at last all aiding lost, after EKF3's times without a measurement that passed."""
+    if k.aiding != _ABSOLUTE:
+        return
+    since_pos = now - k.pos_pass
+    since_vel = now - k.vel_pass
+    least = POS_RETRY_NO_VEL_NS  # minTestTime_ms: the smallest of all the times
+    pos_used = since_pos <= least
+    vel_used = since_vel <= least
+    k.vel_aiding = 1 if pos_used or vel_used else 0
+    if not pos_used and not vel_used and since_pos > TILT_DRIFT_MAX_NS and since_vel > TILT_DRIFT_MAX_NS:
+        stop_aiding(k, p)
+    elif not pos_used and since_pos > (POS_RETRY_USE_VEL_NS if vel_used else POS_RETRY_NO_VEL_NS):
+        k.pos_timeout = 1
+        k.vel_timeout = 0 if vel_used else 1
+
+
+@kernel
+def stop_aiding(k: Any, p: Any) -> None:
+    """Constant position mode: hold the last known position, as if standing."""
+    k.aiding = _NONE
+    k.pos_timeout = 1
+    k.vel_timeout = 1
+    k.pos_test = 0.0
+    k.vel_test = 0.0
+    k.held[0] = k.pos[0]
+    k.held[1] = k.pos[1]
+    set_velocity(k, 0.0, 0.0)
+    forget_velocity(k, p.EK3_VELNE_M_NSE * p.EK3_VELNE_M_NSE)
+    set_position(k, k.held[0], k.held[1])
+    forget_position(k, p.EK3_POSNE_M_NSE * p.EK3_POSNE_M_NSE)
+    k.news |= _STOPPED
+
+
+@kernel
+def start_aiding(k: Any, p: Any, now: int, fix: Any) -> None:
+    """Begin with a fix (position now, velocity): state and variances from it."""
+    k.aiding = _ABSOLUTE
+    k.pos_timeout = 0
+    k.vel_timeout = 0
+    k.pos_pass = now
+    k.vel_pass = now
+    k.vel_aiding = 1
+    set_velocity(k, fix[3], fix[4])
+    forget_velocity(k, max(p.EK3_VELNE_M_NSE, k.spd_acc) ** 2)
+    set_position(k, fix[0], fix[1])
+    forget_position(k, max(p.EK3_POSNE_M_NSE, k.pos_acc) ** 2)
+    k.news |= _STARTED
+
+
+@kernel
+def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, satellites: int, scale: float) -> bool:
+    """Whether a fix meets the checks that EK3_GPS_CHECK asks for, its limits times `scale`."""
+    mask = int(p.EK3_GPS_CHECK)
+    if mask & _NSATS and satellites < _SATELLITES_MIN:
+        return False
+    if mask & _HDOP and hdop > _HDOP_MAX:
+        return False
+    if mask & _SPEED and k.spd_acc > scale:
+        return False
+    if mask & _POSITION_ERROR and (h_acc > 5.0 * scale or v_acc > 7.5 * scale):
+        return False
+    return not (mask & _YAW and k.mag_test > 1.0)
+
+
+@kernel
+def judge_receiver(k: Any, p: Any, now: int, h_acc: float, v_acc: float, hdop: float, satellites: int) -> None:
+    """Good enough to start with, after 10 s of passing and until 5 s of failing (calcGpsGoodToAlign)."""
+    scale = 0.01 * p.EK3_CHECK_SCALE
+    if k.good == 1:
+        scale *= _HYSTERESIS
+    if receiver_passes(k, p, h_acc, v_acc, hdop, satellites, scale):
+        k.check_pass = now
+    else:
+        k.check_fail = now
+    if k.good == 0 and now - k.check_fail > GPS_PASS_NS:
+        k.good = 1
+    elif k.good == 1 and now - k.check_pass > GPS_FAIL_NS:
+        k.good = 0
+
+
+@kernel
+def judge_flight(k: Any, now: int, gap_ns: int, s_acc: float) -> None:
+    """Glitching or not (calcGpsGoodForFlight): claimed speed accuracy, and innovations within their gates."""
+    k.sacc_low = clamp(0.2 * s_acc + 0.8 * k.sacc_low, 0.0, 10.0)
+    decay = clamp(gap_ns / NS_PER_S / _HOLD_S, 0.0, 1.0)
+    k.sacc_peak = max(k.sacc_low, (1.0 - decay) * k.sacc_peak)
+    if k.sacc_peak > 1.5:
+        k.sacc_good = 0
+    elif k.sacc_peak < 1.0:
+        k.sacc_good = 1
+    if k.vel_test < 1.0 and k.pos_test < 1.0:
+        k.innov_pass = now
+    elif k.vel_test > 0.7 or k.pos_test > 0.7:
+        k.innov_fail = now
+    if now - k.innov_pass > INNOVATION_FAIL_NS:
+        k.innov_good = 0
+    elif now - k.innov_fail > INNOVATION_PASS_NS:
+        k.innov_good = 1

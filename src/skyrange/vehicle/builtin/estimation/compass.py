@@ -1,0 +1,90 @@
+"""What does the compass change? Yaw and the bias of its gyroscope.
+
+EKF3 learns the field of the Earth and of the body in six states (FuseMagnetometer). Here the Earth's is known from the
+model that the declination comes from, and the body's is left in the reading: what remains of a reading is one angle,
+weighed with EK3_MAG_M_NSE over the field's horizontal part. The gate is EKF3's, on the three components
+(EK3_MAG_I_GATE): one outside it rejects them all, in flight for as long as it lasts, on the ground for 5 s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.estimation.covariance import shift_gyro_bias, turn_attitude
+from skyrange.vehicle.builtin.estimation.gnss import gate
+from skyrange.vehicle.builtin.estimation.state import HEIGHT_NS, INTERVAL_MIN_NS, MAG_RESET_NS, News
+from skyrange.vehicle.builtin.shaping import clamp
+
+_YAW = int(News.YAW_RESET)
+_RATE_SCALE = 0.005  # magVarRateScale, gauss per rad/s
+_LEAST_GAUSS = 0.05
+"""Less of a horizontal field names no direction: near a magnetic pole, or where there is no compass."""
+_YAW_SD_RAD = math.radians(5.0)
+
+
+@kernel
+def turned(e: Any, compass: Any) -> tuple[float, float, float]:
+    """A reading, as the believed attitude turns it to east, north and up."""
+    w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
+    a, b, c = compass[0], compass[1], compass[2]
+    east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
+    north = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
+    up = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c
+    return east, north, up
+
+
+@kernel
+def read_compass(e: Any, k: Any, p: Any, now: int, compass: Any, field: Any, armed: bool) -> None:
+    """Use a reading that is new, as the barometer's."""
+    since = now - k.compass_at
+    same = compass[0] == k.compass[0] and compass[1] == k.compass[1] and compass[2] == k.compass[2]
+    if since < INTERVAL_MIN_NS or (same and since < HEIGHT_NS):
+        return
+    for axis in range(3):
+        if not abs(compass[axis]) < 10.0:
+            return
+    for axis in range(3):
+        k.compass[axis] = compass[axis]
+        e.compass[axis] = compass[axis]
+    k.compass_at = now
+    east, north, up = turned(e, compass)
+    level = math.sqrt(field[0] * field[0] + field[1] * field[1])
+    if level < _LEAST_GAUSS or east * east + north * north < _LEAST_GAUSS * _LEAST_GAUSS:
+        return
+    rate2 = k.rate[0] ** 2 + k.rate[1] ** 2 + k.rate[2] ** 2
+    noise = clamp(p.EK3_MAG_M_NSE, 0.01, 0.5) ** 2 + _RATE_SCALE * _RATE_SCALE * rate2
+    yaw_noise = noise / (level * level)
+    # a wrong yaw shows in the horizontal components; their length and the vertical one show a wrong field
+    worst = max(max(abs(east - field[0]), abs(north - field[1])), abs(up - field[2]))
+    k.mag_test = worst * worst / (gate(p.EK3_MAG_I_GATE) * (noise + k.turn[0] * level * level))
+    off = math.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1])
+    if k.mag_test < 1.0:
+        k.mag_pass = now
+        w = k.turn
+        spread = w[0] + yaw_noise
+        k_y, k_b = w[0] / spread, w[1] / spread
+        w[2] -= k_b * w[1]
+        w[0] -= k_y * w[0]
+        w[1] -= k_y * w[1]
+        turn_attitude(e, 0.0, 0.0, k_y * off)
+        shift_gyro_bias(e, k, 0.0, 0.0, -k_b * off)
+    elif not armed and now - k.mag_pass > MAG_RESET_NS:
+        align_yaw(e, k, off)
+        k.mag_pass = now
+        k.news |= _YAW
+
+
+@kernel
+def align_yaw(e: Any, k: Any, by: float) -> None:
+    """Turn the believed attitude about the vertical, by any angle."""
+    cosine, sine = math.cos(0.5 * by), math.sin(0.5 * by)
+    w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
+    e.quat[0] = w * cosine - z * sine
+    e.quat[1] = x * cosine - y * sine
+    e.quat[2] = y * cosine + x * sine
+    e.quat[3] = z * cosine + w * sine
+    k.turn[0] = _YAW_SD_RAD * _YAW_SD_RAD
+    k.turn[1] = 0.0
+    k.shift_yaw += by

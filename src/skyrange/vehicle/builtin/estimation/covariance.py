@@ -1,0 +1,162 @@
+"""How sure is the filter, and what does a measurement tell? Three small Kalman filters in error form.
+
+EKF3 has 24 states with one covariance. Near hover its blocks are weakly coupled, and they are kept apart here:
+
+- level: position, velocity, tilt, gyro bias of one horizontal axis. East and north have the same noise, the same
+  measurements and the same dynamics (tilt times g is acceleration), so one 4 x 4 matrix serves both.
+- up: height, climb rate, accelerometer bias.
+- turn: yaw, gyro bias.
+
+Packed upper triangles: level (pp, pv, pt, pb, vv, vt, vb, tt, tb, bb), up (pp, pv, pa, vv, va, aa), turn (yy, yb, bb).
+Process noise is EKF3's (CovariancePrediction): EK3_ACC_P_NSE and EK3_GYRO_P_NSE per sample of EKF_TARGET_DT.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.estimation.state import POS_VARIANCE_MAX, TARGET_DT_S, VARIANCE_MIN, VEL_VARIANCE_MAX
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.shaping import clamp
+
+
+@kernel
+def predict(k: Any, p: Any, dt_s: float) -> None:
+    """Let the uncertainty grow over a step."""
+    noise_s = TARGET_DT_S * dt_s
+    accel = p.EK3_ACC_P_NSE * p.EK3_ACC_P_NSE * noise_s
+    gyro = p.EK3_GYRO_P_NSE * p.EK3_GYRO_P_NSE * noise_s
+    gyro_bias = p.EK3_GBIAS_P_NSE * p.EK3_GBIAS_P_NSE * noise_s
+    accel_bias = p.EK3_ABIAS_P_NSE * p.EK3_ABIAS_P_NSE * noise_s
+
+    c = k.level
+    pull = GRAVITY_MPS2 * dt_s
+    pp, pv, pt, pb = c[0], c[1], c[2], c[3]
+    vv, vt, vb = c[4], c[5], c[6]
+    tt, tb, bb = c[7], c[8], c[9]
+    a_pv = pv + dt_s * vv
+    a_pt = pt + dt_s * vt
+    a_pb = pb + dt_s * vb
+    a_vt = vt + pull * tt
+    a_vb = vb + pull * tb
+    c[0] = clamp(pp + dt_s * pv + dt_s * a_pv, VARIANCE_MIN, POS_VARIANCE_MAX)
+    c[1] = a_pv + pull * a_pt
+    c[2] = a_pt + dt_s * a_pb
+    c[3] = a_pb
+    c[4] = clamp(vv + pull * vt + pull * a_vt + accel, VARIANCE_MIN, VEL_VARIANCE_MAX)
+    c[5] = a_vt + dt_s * a_vb
+    c[6] = a_vb
+    c[7] = min(tt + dt_s * tb + dt_s * (tb + dt_s * bb) + gyro, 1.0)
+    c[8] = tb + dt_s * bb
+    c[9] = min(bb + gyro_bias, 0.175 * 0.175)
+
+    u = k.up
+    pp, pv, pa, vv, va, aa = u[0], u[1], u[2], u[3], u[4], u[5]
+    a_pv = pv + dt_s * vv
+    a_pa = pa + dt_s * va
+    u[0] = clamp(pp + dt_s * pv + dt_s * a_pv, VARIANCE_MIN, POS_VARIANCE_MAX)
+    u[1] = a_pv - dt_s * a_pa
+    u[2] = a_pa
+    u[3] = clamp(vv - dt_s * va - dt_s * (va - dt_s * aa) + accel, VARIANCE_MIN, VEL_VARIANCE_MAX)
+    u[4] = va - dt_s * aa
+    u[5] = min(aa + accel_bias, 1.0)
+
+    w = k.turn
+    w[0] = min(w[0] + 2.0 * dt_s * w[1] + dt_s * dt_s * w[2] + gyro, 1.0)
+    w[1] += dt_s * w[2]
+    w[2] = min(w[2] + gyro_bias, 0.175 * 0.175)
+
+
+@kernel
+def take_level(c: Any, a: float, b: float, d: float, g: float, variance: float) -> tuple[float, float, float, float]:
+    """Gains of a level measurement whose row of the matrix is (a, b, d, g), and the matrix after it."""
+    k_p, k_v, k_t, k_b = a / variance, b / variance, d / variance, g / variance
+    c[0] -= k_p * a
+    c[1] -= k_p * b
+    c[2] -= k_p * d
+    c[3] -= k_p * g
+    c[4] -= k_v * b
+    c[5] -= k_v * d
+    c[6] -= k_v * g
+    c[7] -= k_t * d
+    c[8] -= k_t * g
+    c[9] -= k_b * g
+    return k_p, k_v, k_t, k_b
+
+
+@kernel
+def take_up(c: Any, a: float, b: float, d: float, variance: float) -> tuple[float, float, float]:
+    """The same for up: row (a, b, d)."""
+    k_p, k_v, k_a = a / variance, b / variance, d / variance
+    c[0] -= k_p * a
+    c[1] -= k_p * b
+    c[2] -= k_p * d
+    c[3] -= k_v * b
+    c[4] -= k_v * d
+    c[5] -= k_a * d
+    return k_p, k_v, k_a
+
+
+@kernel
+def correct_level(e: Any, k: Any, gains: tuple[float, float, float, float], east: float, north: float) -> None:
+    """Move the state by two innovations (measured less believed)."""
+    k_p, k_v, k_t, k_b = gains
+    for axis in range(2):
+        by = east if axis == 0 else north
+        k.pos[axis] += k_p * by
+        k.slack_pos[axis] += k_p * by
+        k.moved_pos[axis] += k_p * by
+        k.vel[axis] += k_v * by
+        k.slack_vel[axis] += k_v * by
+        k.moved_vel[axis] += k_v * by
+    # leaning about north accelerates east, about east accelerates south
+    turn_attitude(e, -k_t * north, k_t * east, 0.0)
+    shift_gyro_bias(e, k, k_b * north, -k_b * east, 0.0)
+
+
+@kernel
+def correct_up(k: Any, gains: tuple[float, float, float], by: float) -> None:
+    """Move height, climb rate and bias by an innovation."""
+    k_p, k_v, k_a = gains
+    k.pos[2] += k_p * by
+    k.slack_pos[2] += k_p * by
+    k.moved_pos[2] += k_p * by
+    k.vel[2] += k_v * by
+    k.slack_vel[2] += k_v * by
+    k.moved_vel[2] += k_v * by
+    k.accel_bias += k_a * by
+
+
+@kernel
+def turn_attitude(e: Any, east: float, north: float, up: float) -> None:
+    """Rotate the attitude by a small vector, radians in the local frame."""
+    a, b, c = 0.5 * east, 0.5 * north, 0.5 * up
+    w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
+    e.quat[0] = w - a * x - b * y - c * z
+    e.quat[1] = x + a * w + b * z - c * y
+    e.quat[2] = y + b * w + c * x - a * z
+    e.quat[3] = z + c * w + a * y - b * x
+
+
+@kernel
+def shift_gyro_bias(e: Any, k: Any, east: float, north: float, up: float) -> None:
+    """Add a vector of the local frame, rad/s, to the gyro bias, which is of the body."""
+    w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
+    k.gyro_bias[0] += (1 - 2 * (y * y + z * z)) * east + 2 * (x * y + w * z) * north + 2 * (x * z - w * y) * up
+    k.gyro_bias[1] += 2 * (x * y - w * z) * east + (1 - 2 * (x * x + z * z)) * north + 2 * (y * z + w * x) * up
+    k.gyro_bias[2] += 2 * (x * z + w * y) * east + 2 * (y * z - w * x) * north + (1 - 2 * (x * x + y * y)) * up
+
+
+@kernel
+def forget_position(k: Any, variance: float) -> None:
+    """Position known anew with a variance, and correlated with nothing."""
+    c = k.level
+    c[0], c[1], c[2], c[3] = variance, 0.0, 0.0, 0.0
+
+
+@kernel
+def forget_velocity(k: Any, variance: float) -> None:
+    """The same for horizontal velocity."""
+    c = k.level
+    c[1], c[4], c[5], c[6] = 0.0, variance, 0.0, 0.0

@@ -1,0 +1,263 @@
+"""Where does each aircraft believe it is, at every tick? The filter of a whole fleet.
+
+The strapdown runs at every tick, the filter every 10 ms, sensors are used as they say something new. A row's numbers
+depend on its own sensors alone. Nothing that a sensor says, however wrong, makes a number that is not finite.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Floats, Sensors
+from skyrange.core.compiled import kernel
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.vehicle.builtin.estimation.aiding import check_aiding, receiver_passes
+from skyrange.vehicle.builtin.estimation.compass import align_yaw, read_compass, turned
+from skyrange.vehicle.builtin.estimation.covariance import predict
+from skyrange.vehicle.builtin.estimation.gnss import claimed, read_fix
+from skyrange.vehicle.builtin.estimation.height import read_baro
+from skyrange.vehicle.builtin.estimation.report import report
+from skyrange.vehicle.builtin.estimation.state import (
+    ACCEL_MAX_MPS2,
+    GYRO_BIAS_LIMIT_RADPS,
+    HEIGHT_MAX_M,
+    POS_LIMIT_M,
+    SLOTS,
+    STEP_NS,
+    VEL_LIMIT_MPS,
+    Aiding,
+    blank,
+)
+from skyrange.vehicle.builtin.estimation.strapdown import carry, reading, show, show_lean
+from skyrange.vehicle.builtin.layout import Records
+from skyrange.vehicle.builtin.shaping import clamp
+from skyrange.world.magnetism import field_at
+
+Ints = NDArray[np.int64]
+
+_ABSOLUTE = int(Aiding.ABSOLUTE)
+_NONE = int(Aiding.NONE)
+_VOLTS_MAX = 1000.0  # beyond any battery that flies: a reading stays a number
+_AMPERES_MAX = 10_000.0
+_SLOW = 0.05  # UpdateStrapdownEquationsNED: low pass of the acceleration, per step
+_START_VEL_MPS = 0.1
+_START_TILT_RAD = 0.01
+_START_BIAS_RADPS = math.radians(0.15)  # checkGyroCalStatus: what counts as learnt
+_START_ACCEL_MPS2 = 0.1
+_START_YAW_RAD = math.radians(5.0)
+
+
+@kernel
+def begin(
+    now: int,
+    accel: Floats,
+    position: Floats,
+    velocity: Floats,
+    baro: Floats,
+    compass: Floats,
+    accuracy: Floats,
+    fix: Ints,
+    satellites: Ints,
+    time: Ints,
+    field: Floats,
+    estimate: Records,
+    filters: Records,
+    settings: Records,
+) -> None:
+    """Start every row as after a boot long past: standing, aligned, its receiver's checks passed if they pass now.
+
+    Tilt is the accelerometer's, yaw the compass's (or, with none, the estimate's as given), position the fix's (or the
+    estimate's as given), height the barometer's.
+    """
+    for i in range(estimate.shape[0]):
+        e: Any = estimate[i]
+        k: Any = filters[i]
+        p: Any = settings[i]
+        heading = e.yaw
+        for axis in range(3):
+            k.force[axis] = reading(accel[i, axis], 0.0, ACCEL_MAX_MPS2)
+        a, b, c = k.force[0], k.force[1], k.force[2]
+        pitch = math.atan2(-a, math.sqrt(b * b + c * c)) if a * a + b * b + c * c > 1.0 else 0.0
+        roll = math.atan2(b, c) if b * b + c * c > 1.0 else 0.0
+        cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+        e.quat[0], e.quat[1], e.quat[2], e.quat[3] = cr * cp, sr * cp, cr * sp, -sr * sp
+        east, north, _ = turned(e, compass[i])
+        level = field[0] * field[0] + field[1] * field[1]
+        if level > 0.0 and east * east + north * north > 1e-4:
+            align_yaw(e, k, math.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1]))
+        else:
+            align_yaw(e, k, heading)
+        k.shift_yaw = 0.0
+        show(e, k)
+        show_lean(e)
+        k.turn[0], k.turn[1], k.turn[2] = _START_YAW_RAD * _START_YAW_RAD, 0.0, _START_BIAS_RADPS * _START_BIAS_RADPS
+
+        h_acc, v_acc = claimed(accuracy[i, 0], 100.0), claimed(accuracy[i, 1], 100.0)
+        s_acc = claimed(accuracy[i, 2], 50.0)
+        k.pos_acc = max(h_acc, p.EK3_POSNE_M_NSE)
+        k.spd_acc = max(s_acc, p.EK3_VELNE_M_NSE)
+        usable = fix[i] >= 3
+        for axis in range(3):
+            usable = usable and abs(position[i, axis]) <= POS_LIMIT_M and abs(velocity[i, axis]) <= VEL_LIMIT_MPS
+            k.pos[axis] = e.pos[axis]
+        k.check_fail = now
+        k.check_pass = now
+        if usable and receiver_passes(k, p, h_acc, v_acc, 1.0, satellites[i], 0.01 * p.EK3_CHECK_SCALE):
+            k.good = 1
+            k.aiding = _ABSOLUTE
+            for axis in range(2):
+                k.pos[axis] = position[i, axis]
+        else:
+            k.aiding = _NONE
+            k.pos_timeout = 1
+            k.vel_timeout = 1
+        k.held[0], k.held[1] = k.pos[0], k.pos[1]
+        if abs(baro[i]) < 1e4:
+            k.pos[2] = baro[i]
+        k.level[0] = k.pos_acc * k.pos_acc
+        k.level[4] = _START_VEL_MPS * _START_VEL_MPS
+        k.level[7] = _START_TILT_RAD * _START_TILT_RAD
+        k.level[9] = _START_BIAS_RADPS * _START_BIAS_RADPS
+        k.up[0] = 1.0
+        k.up[3] = _START_VEL_MPS * _START_VEL_MPS
+        k.up[5] = _START_ACCEL_MPS2 * _START_ACCEL_MPS2
+        k.pos_pass = k.vel_pass = k.hgt_pass = k.mag_pass = now
+        k.innov_pass = k.innov_fail = now
+        k.innov_good = k.sacc_good = 1
+        k.vel_aiding = 1
+        k.fix_time = time[i]
+        k.fix_at = now
+        k.baro_at = k.compass_at = now - STEP_NS
+        e.gnss_fix = min(max(fix[i], 0), 8)
+        e.gnss_sats = min(max(satellites[i], 0), 255)
+        e.gnss_hdop = 1.0
+        for axis in range(3):
+            e.gnss_pos[axis] = position[i, axis] if usable else k.pos[axis]
+            e.gnss_vel[axis] = velocity[i, axis] if usable else 0.0
+
+
+@kernel
+def turn(
+    now: int,
+    dt_s: float,
+    step_s: float,
+    slot: int,
+    gyro: Floats,
+    accel: Floats,
+    position: Floats,
+    velocity: Floats,
+    baro: Floats,
+    rangefinder: Floats,
+    compass: Floats,
+    accuracy: Floats,
+    fix: Ints,
+    satellites: Ints,
+    time: Ints,
+    volts: Floats,
+    amperes: Floats,
+    field: Floats,
+    room: Floats,
+    armed: Ints,
+    history: Floats,
+    estimate: Records,
+    filters: Records,
+    settings: Records,
+) -> int:
+    """One tick of every row; where `step_s` is not 0 also a filter step of that length, the `slot`-th.
+
+    Returns how many rows have news.
+    """
+    news = 0
+    for i in range(estimate.shape[0]):
+        e: Any = estimate[i]
+        k: Any = filters[i]
+        carry(e, k, gyro[i], accel[i], dt_s)
+        if step_s > 0.0:
+            p: Any = settings[i]
+            on = armed[i] != 0
+            past = history[i]
+            here = past[slot & (SLOTS - 1)]
+            for axis in range(3):
+                here[axis] = k.pos[axis] - k.moved_pos[axis]
+                here[3 + axis] = k.vel[axis] - k.moved_vel[axis]
+                k.accel_slow[axis] += _SLOW * (e.accel[axis] - k.accel_slow[axis])
+            check_aiding(k, p, now)
+            predict(k, p, step_s)
+            read_compass(e, k, p, now, compass[i], field, on)
+            read_fix(
+                e, k, p, now, fix[i], satellites[i], time[i], position[i], velocity[i], accuracy[i], past, slot, room
+            )
+            read_baro(e, k, p, now, baro[i], on)
+            _settle(e, k, p, step_s)
+            seen = rangefinder[i]
+            ranged = math.isfinite(seen) and seen >= 0.0
+            e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
+            report(e, k, now, ranged)
+            e.battery_v = reading(volts[i], e.battery_v, _VOLTS_MAX)
+            e.battery_a = reading(amperes[i], e.battery_a, _AMPERES_MAX)
+            if k.news != 0:
+                news += 1
+        show(e, k)
+    return news
+
+
+@kernel
+def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
+    """After a filter step: let corrections in over EK3_TAU_OUTPUT, keep attitude a rotation and biases in bounds."""
+    keep = 1.0 - step_s / max(clamp(0.01 * p.EK3_TAU_OUTPUT, 0.1, 0.5), step_s)
+    w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
+    norm = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+    for part in range(4):
+        e.quat[part] *= norm
+    for axis in range(3):
+        k.slack_pos[axis] *= keep
+        k.slack_vel[axis] *= keep
+        k.gyro_bias[axis] = clamp(k.gyro_bias[axis], -GYRO_BIAS_LIMIT_RADPS, GYRO_BIAS_LIMIT_RADPS)
+        e.imu_accel[axis] = k.force[axis]
+    show_lean(e)
+
+
+class Estimator:
+    """The filters of one engine's aircraft. Deep copies go on alike."""
+
+    def __init__(self, count: int, origin: Origin) -> None:
+        """`origin` says which way the compass points where the fleet flies."""
+        self.filters, self._history = blank(count)
+        self._field = np.array(field_at(origin), dtype=np.float64)
+        self._room = np.zeros(6)
+        self._slot = 0
+        self._stepped: Time | None = None
+
+    def update(
+        self, now: Time, dt_s: float, sensors: Sensors, estimate: Records, armed: Ints, settings: Records
+    ) -> int:
+        """Take one tick's sensors, `dt_s` after the last; `estimate` then says what is believed.
+
+        At the first call `estimate` holds where each aircraft is known to stand, and which way it looks. `armed` is
+        (n,), not 0 where motors may turn. Returns how many aircraft's filters have news (`filters["news"]`), which
+        stand until they are cleared.
+        """
+        s = sensors
+        fix = (s.gnss_fix, s.gnss_satellites, s.gnss_time_ns)
+        if self._stepped is None:
+            begin(
+                now, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m, s.compass_gauss, s.gnss_accuracy,
+                *fix, self._field, estimate, self.filters, settings,
+            )  # fmt: skip
+            self._stepped = now - STEP_NS
+            dt_s = 0.0
+        step_s = 0.0
+        if now // STEP_NS != self._stepped // STEP_NS:
+            step_s = (now - self._stepped) / NS_PER_S
+            self._stepped = now
+            self._slot += 1
+        return turn(
+            now, dt_s, step_s, self._slot, s.gyro_radps, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m,
+            s.rangefinder_m, s.compass_gauss, s.gnss_accuracy, *fix, s.battery_v, s.battery_a, self._field, self._room,
+            armed, self._history, estimate, self.filters, settings,
+        )  # fmt: skip

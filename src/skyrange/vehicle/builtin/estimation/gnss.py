@@ -1,0 +1,222 @@
+"""What does a GNSS fix change? Read it, test it against its gates, then fuse it, reject it, or be reset to it.
+
+NavEKF3_core::readGpsData (AP_NavEKF3_Measurements.cpp), FuseVelPosNED, ResetPosition and ResetVelocity
+(AP_NavEKF3_PosVelFusion.cpp). A fix is some tenths of a second old: it is compared with where the aircraft was then,
+and the correction is made to where it is now and to all that lies between, as EKF3 does with its delayed time horizon.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.core.time import NS_PER_S
+from skyrange.vehicle.builtin.estimation.aiding import (
+    judge_flight,
+    judge_receiver,
+    set_position,
+    set_velocity,
+    start_aiding,
+)
+from skyrange.vehicle.builtin.estimation.covariance import (
+    correct_level,
+    correct_up,
+    forget_position,
+    forget_velocity,
+    take_level,
+    take_up,
+)
+from skyrange.vehicle.builtin.estimation.state import (
+    HEIGHT_MAX_M,
+    INTERVAL_MIN_NS,
+    POS_LIMIT_M,
+    SLOTS,
+    STEP_NS,
+    VEL_LIMIT_MPS,
+    Aiding,
+)
+from skyrange.vehicle.builtin.shaping import clamp
+
+_NONE = int(Aiding.NONE)
+_FIX_3D = 3
+_WORST_M = 100.0
+_WORST_MPS = 50.0
+_VEL_ACCEL = 0.05  # gpsNEVelVarAccScale
+_ENVELOPE = 0.2  # per second: how fast a bad claim of accuracy is forgotten (0.0002 per ms)
+_RANGE_ERROR_M = 1.5  # what a claimed accuracy is divided by for a dilution of precision
+_LATEST_NS = 10 * NS_PER_S
+
+
+@kernel
+def gate(percent: float) -> float:
+    """A gate's square: `EK3_…_I_GATE` is in hundredths of a standard deviation, at least one."""
+    wide = max(0.01 * percent, 1.0)
+    return wide * wide
+
+
+@kernel
+def claimed(value: float, worst: float) -> float:
+    """An accuracy as the receiver claims it, where that makes sense."""
+    return clamp(value, 0.0, worst) if value == value else worst
+
+
+@kernel
+def read_fix(
+    e: Any,
+    k: Any,
+    p: Any,
+    now: int,
+    kind: int,
+    satellites: int,
+    time: int,
+    position: Any,
+    velocity: Any,
+    accuracy: Any,
+    past: Any,
+    slot: int,
+    fix: Any,
+) -> None:
+    """Take what the receiver says; a new fix is judged and used. `fix` is room for six numbers."""
+    e.gnss_fix = min(max(kind, 0), 8)
+    e.gnss_sats = min(max(satellites, 0), 255)
+    e.gnss_age_s = (now - k.fix_at) / NS_PER_S
+    if time == k.fix_time or now - k.fix_at < INTERVAL_MIN_NS:
+        return
+    k.fix_time = time
+    if kind < _FIX_3D:
+        return
+    for axis in range(3):
+        if not (math.isfinite(position[axis]) and math.isfinite(velocity[axis])):
+            return
+    most = POS_LIMIT_M
+    for axis in range(3):
+        if axis == 2:
+            most = HEIGHT_MAX_M
+        fix[axis] = clamp(position[axis], -most, most)
+        fix[3 + axis] = clamp(velocity[axis], -VEL_LIMIT_MPS, VEL_LIMIT_MPS)
+        e.gnss_pos[axis] = fix[axis]
+        e.gnss_vel[axis] = fix[3 + axis]
+        k.gnss_vel[axis] = fix[3 + axis]
+    h_acc = claimed(accuracy[0], _WORST_M)
+    v_acc = claimed(accuracy[1], _WORST_M)
+    s_acc = claimed(accuracy[2], _WORST_MPS)
+    hdop = clamp(h_acc / _RANGE_ERROR_M, 0.5, 99.99)
+    e.gnss_hdop = hdop
+    gap = min(max(now - k.fix_at, 0), _LATEST_NS)
+    k.fix_at = now
+    e.gnss_age_s = 0.0
+    keep = 1.0 - clamp(_ENVELOPE * gap / NS_PER_S, 0.0, 1.0)
+    k.spd_acc = clamp(max(k.spd_acc * keep, s_acc), p.EK3_VELNE_M_NSE, _WORST_MPS)
+    k.pos_acc = clamp(max(k.pos_acc * keep, h_acc), p.EK3_POSNE_M_NSE, _WORST_M)
+    judge_receiver(k, p, now, h_acc, v_acc, hdop, satellites)
+    judge_flight(k, now, gap, s_acc)
+
+    late = min(max(now - time, 0), (SLOTS - 2) * STEP_NS)
+    if k.aiding == _NONE:
+        if k.good == 1:
+            _bring_up(fix, late)
+            start_aiding(k, p, now, fix)
+            e.resets += 1
+        return
+    then = past[(slot - (late + STEP_NS // 2) // STEP_NS) & (SLOTS - 1)]
+    _use_fix(e, k, p, now, satellites, late, fix, then)
+
+
+@kernel
+def _bring_up(fix: Any, late: int) -> None:
+    """Where a fix would be now, at its own velocity (ResetPosition's tdiff)."""
+    fix[0] += fix[3] * late / NS_PER_S
+    fix[1] += fix[4] * late / NS_PER_S
+
+
+@kernel
+def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:
+    """FuseVelPosNED for one fix: position's test first, then velocity's, then the fusion of what passed."""
+    noise = 1.0 if satellites >= 6 else (1.4 if satellites == 5 else 2.0)  # gpsNoiseScaler
+    speed_of_turn2 = k.accel_slow[0] ** 2 + k.accel_slow[1] ** 2 + k.accel_slow[2] ** 2
+    vel_check = clamp(p.EK3_VELNE_M_NSE, 0.05, 5.0) ** 2 + _VEL_ACCEL * _VEL_ACCEL * speed_of_turn2
+    pos_noise = clamp(k.pos_acc, p.EK3_POSNE_M_NSE, _WORST_M) ** 2
+    vel_noise = clamp(k.spd_acc, p.EK3_VELNE_M_NSE, _WORST_MPS) ** 2
+    climb_noise = clamp(k.spd_acc, p.EK3_VELD_M_NSE, _WORST_MPS) ** 2
+    d_e = fix[0] - then[0] - k.moved_pos[0]
+    d_n = fix[1] - then[1] - k.moved_pos[1]
+    v_e = fix[3] - then[3] - k.moved_vel[0]
+    v_n = fix[4] - then[4] - k.moved_vel[1]
+    v_u = fix[5] - then[5] - k.moved_vel[2]
+
+    spread = 2.0 * (k.level[0] + pos_noise)
+    k.pos_test = (d_e * d_e + d_n * d_n) / (gate(p.EK3_POS_I_GATE) * spread)
+    widen_pos = 1.0
+    pos_passed = k.pos_test < 1.0
+    if pos_passed:
+        k.pos_pass = now
+    elif p.EK3_GLITCH_RAD <= 0.0:  # no radius: what is far counts as much as what is at the gate
+        k.pos_pass = now
+        widen_pos = k.pos_test
+        pos_passed = True
+    fuse_pos = pos_passed or k.pos_timeout == 1
+    fuse_vel = True
+    if fuse_pos:
+        radius = p.EK3_GLITCH_RAD
+        unsure = radius > 0.0 and 2.0 * k.level[0] > radius * radius
+        if (k.pos_timeout == 1 or unsure) and (k.vel_aiding == 0 or k.good == 1):
+            _reset_position(e, k, p, now, late, fix)
+            fuse_pos = False
+            if k.vel_timeout == 1:
+                _reset_velocity(k, p, now, fix)
+                fuse_vel = False
+
+    if fuse_vel:
+        climb_check = vel_check
+        spread = 2.0 * (k.level[4] + vel_check) + k.up[3] + climb_check
+        k.vel_test = (v_e * v_e + v_n * v_n + v_u * v_u) / (gate(p.EK3_VEL_I_GATE) * spread)
+        widen_vel = 1.0
+        passed = k.vel_test < 1.0
+        if passed:
+            k.vel_pass = now
+        elif p.EK3_GLITCH_RAD <= 0.0:
+            k.vel_pass = now
+            widen_vel = k.vel_test
+            passed = True
+        if k.vel_timeout == 1:
+            _reset_velocity(k, p, now, fix)
+        elif passed:
+            _fuse_velocity(e, k, v_e, v_n, v_u, vel_noise * noise * noise, climb_noise * noise * noise, widen_vel)
+            if fuse_pos:  # what the velocity has moved already
+                d_e = fix[0] - then[0] - k.moved_pos[0]
+                d_n = fix[1] - then[1] - k.moved_pos[1]
+    if fuse_pos:
+        variance = widen_pos * (k.level[0] + pos_noise * noise * noise)
+        c = k.level
+        correct_level(e, k, take_level(c, c[0], c[1], c[2], c[3], variance), d_e, d_n)
+
+
+@kernel
+def _fuse_velocity(
+    e: Any, k: Any, east: float, north: float, up: float, noise: float, climb_noise: float, widen: float
+) -> None:
+    c = k.level
+    correct_level(e, k, take_level(c, c[1], c[4], c[5], c[6], widen * (c[4] + noise)), east, north)
+    u = k.up
+    correct_up(k, take_up(u, u[1], u[3], u[4], widen * (u[3] + climb_noise)), up)
+
+
+@kernel
+def _reset_position(e: Any, k: Any, p: Any, now: int, late: int, fix: Any) -> None:
+    """Believe the fix, whatever was believed before; then as unsure as half the glitch radius."""
+    set_position(k, fix[0] + fix[3] * late / NS_PER_S, fix[1] + fix[4] * late / NS_PER_S)
+    forget_position(k, (0.5 * p.EK3_GLITCH_RAD) ** 2)
+    k.pos_timeout = 0
+    k.pos_pass = now
+    k.pos_test = 0.0
+    e.resets += 1
+
+
+@kernel
+def _reset_velocity(k: Any, p: Any, now: int, fix: Any) -> None:
+    set_velocity(k, fix[3], fix[4])
+    forget_velocity(k, max(p.EK3_VELNE_M_NSE, k.spd_acc) ** 2)
+    k.vel_timeout = 0
+    k.vel_pass = now
+    k.vel_test = 0.0

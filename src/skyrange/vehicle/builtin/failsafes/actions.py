@@ -1,0 +1,89 @@
+"""What does an aircraft do on a failsafe? ArduCopter/events.cpp `do_failsafe_action` and what it calls.
+
+There is no SmartRTL here, as on a vehicle whose path memory is off: its actions say so and take the next best.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum, IntFlag
+
+from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.arming import disarm
+from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.switching import set_mode
+
+_LAND_PAUSE_S = 4.0  # config.h LAND_WITH_DELAY_MS
+_WARNING = dialect.MAV_SEVERITY_WARNING
+
+
+class Action(IntEnum):
+    """Copter::FailsafeAction: the values of BATT_FS_…_ACT and FS_DR_ENABLE."""
+
+    NONE = 0
+    LAND = 1
+    RTL = 2
+    SMART_RTL = 3
+    SMART_RTL_LAND = 4
+    TERMINATE = 5
+    DO_LAND_START = 6
+    BRAKE_LAND = 7
+
+
+class Option(IntFlag):
+    """FS_OPTIONS (Copter::FailsafeOption), as far as there is no radio control and no gripper."""
+
+    GCS_CONTINUE_IF_AUTO = 2
+    CONTINUE_IF_LANDING = 8
+    GCS_CONTINUE_IF_PILOT_CONTROL = 16
+
+
+def option(fleet: Fleet, craft: Craft, bit: Option) -> bool:
+    """Whether FS_OPTIONS has a bit."""
+    return bool(int(fleet.param(craft, "FS_OPTIONS")) & bit)
+
+
+def announce(fleet: Fleet, craft: Craft, kind: str, action: str = "") -> None:
+    """Say which failsafe it is, and what is done where that is not its parameter's action (`announce_failsafe`)."""
+    fleet.text(craft, _WARNING, f"{kind} Failsafe - {action}" if action else f"{kind} Failsafe")
+
+
+def should_disarm(fleet: Fleet, craft: Craft) -> bool:
+    """Whether it stands on the ground, so that a failsafe just stops the motors (`should_disarm_on_failsafe`)."""
+    if craft.mode == Mode.AUTO:
+        return not craft.ready and fleet.landed(craft)
+    return fleet.landed(craft)
+
+
+def act(fleet: Fleet, craft: Craft, action: int, reason: str) -> None:
+    """Do it; `reason` is ArduCopter's ModeReason, in lower case."""
+    if action == Action.LAND:
+        land(fleet, craft, reason)
+    elif action == Action.RTL:
+        _return(fleet, craft, reason)
+    elif action == Action.SMART_RTL:
+        fleet.text(craft, _WARNING, "SmartRTL Unavailable, Trying RTL Mode")
+        _return(fleet, craft, reason)
+    elif action == Action.SMART_RTL_LAND:
+        fleet.text(craft, _WARNING, "SmartRTL Unavailable, Using Land Mode")
+        land(fleet, craft, reason)
+    elif action == Action.TERMINATE:
+        disarm(fleet, craft, "failsafe_action_terminate", ())
+    elif action == Action.DO_LAND_START:
+        fleet.text(craft, _WARNING, "Trying RTL Mode")
+        _return(fleet, craft, reason)
+    elif action == Action.BRAKE_LAND and not set_mode(fleet, craft, Mode.BRAKE, reason, ()):
+        fleet.text(craft, _WARNING, "Trying Land Mode")
+        land(fleet, craft, reason)
+
+
+def _return(fleet: Fleet, craft: Craft, reason: str) -> None:
+    """RTL, or where it is refused, LAND (`set_mode_RTL_or_land_with_pause`)."""
+    if not set_mode(fleet, craft, Mode.RTL, reason, ()):
+        land(fleet, craft, reason)
+
+
+def land(fleet: Fleet, craft: Craft, reason: str) -> None:
+    """LAND, its descent delayed by 4 s (`set_mode_land_with_pause`)."""
+    if set_mode(fleet, craft, Mode.LAND, reason, ()):
+        fleet.flight["pause_s"][craft.row] = _LAND_PAUSE_S

@@ -1,0 +1,32 @@
+"""What can a check of the array side raise? Bits, in the order in which they are acted upon.
+
+The order is that of ArduCopter's scheduler table (Copter.cpp): fence, battery, ground station and dead reckoning,
+estimator, GNSS.
+"""
+
+from __future__ import annotations
+
+from enum import IntFlag
+
+
+class Alarm(IntFlag):
+    """What a check has noticed newly; `WATCH.alarms`."""
+
+    FENCE_CHANGED = 1 << 0
+    """The lowest altitude was switched on or off by itself."""
+    FENCE_BREACHED = 1 << 1
+    FENCE_CLEARED = 1 << 2
+    BATTERY = 1 << 3
+    """A worse level; see `POWER.noticed`."""
+    STATION_LOST = 1 << 4
+    STATION_BACK = 1 << 5
+    RECKONING_STARTED = 1 << 6
+    RECKONING_STOPPED = 1 << 7
+    RECKONING_OVER = 1 << 8
+    """Dead reckoning for longer than FS_DR_TIMEOUT."""
+    RECKONING_FAILSAFE = 1 << 9
+    ESTIMATOR_BAD = 1 << 10
+    ESTIMATOR_GOOD = 1 << 11
+    GLITCH_STARTED = 1 << 12
+    GLITCH_STOPPED = 1 << 13
+    THRUST_LOST = 1 << 14

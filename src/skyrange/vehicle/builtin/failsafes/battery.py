@@ -1,0 +1,127 @@
+"""When is the battery too low to go on, and what then? BATT_….
+
+After libraries/AP_BattMonitor (AP_BattMonitor_Backend.cpp `check_failsafe_types`, `update_failsafes`;
+AP_BattMonitor.cpp `check_failsafes`) and ArduCopter/events.cpp `handle_battery_failsafe`. Read at 10 Hz, as
+`update_batt_compass` does.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from skyrange.codec.mavlink import dialect
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin import mode_traits
+from skyrange.vehicle.builtin.arming import disarm
+from skyrange.vehicle.builtin.battery import measure
+from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, option, should_disarm
+from skyrange.vehicle.builtin.failsafes.alarms import Alarm
+from skyrange.vehicle.builtin.fleet import Craft, Fleet
+
+LOW: Final = 2
+CRITICAL: Final = 3
+_BATTERY = int(Alarm.BATTERY)
+_LOW = LOW
+_CRITICAL = CRITICAL
+PRIORITIES: Final = (
+    Action.TERMINATE,
+    Action.LAND,
+    Action.RTL,
+    Action.SMART_RTL_LAND,
+    Action.SMART_RTL,
+    Action.NONE,
+)
+"""Copter.h `_failsafe_priorities`: earlier is higher; an action that is not in it comes last."""
+_LAND_PRIORITY = 1  # Copter.h FAILSAFE_LAND_PRIORITY
+
+
+@kernel
+def _is_low(volts: float, least: float) -> bool:
+    """Whether a voltage is known and below a threshold that is set."""
+    return volts > 0.0 and least > 0.0 and volts < least
+
+
+@kernel
+def _volts_used(p: Any, b: Any) -> float:
+    """The voltage that thresholds are compared to: as measured, or with the sag taken out (BATT_FS_VOLTSRC)."""
+    volts: float = b.resting_v if p.BATT_FS_VOLTSRC == 1 else b.voltage
+    return volts
+
+
+@kernel
+def _level(p: Any, b: Any, now_ns: int) -> int:
+    """The level of trouble: a low voltage counts once it has lasted for BATT_LOW_TIMER, a low charge at once."""
+    volts = _volts_used(p, b)
+    left_mah = p.BATT_CAPACITY - b.consumed_mah
+    timer_ns = p.BATT_LOW_TIMER * 1e9
+    if _is_low(volts, p.BATT_CRT_VOLT):
+        if b.critical_ns == 0:
+            b.critical_ns = now_ns
+        elif timer_ns > 0.0 and now_ns - b.critical_ns > timer_ns:
+            return _CRITICAL
+    else:
+        b.critical_ns = 0
+    if p.BATT_CRT_MAH > 0.0 and left_mah < p.BATT_CRT_MAH:
+        return _CRITICAL
+    if _is_low(volts, p.BATT_LOW_VOLT):
+        if b.low_ns == 0:
+            b.low_ns = now_ns
+        elif timer_ns > 0.0 and now_ns - b.low_ns > timer_ns:
+            return _LOW
+    else:
+        b.low_ns = 0
+    if p.BATT_LOW_MAH > 0.0 and left_mah < p.BATT_LOW_MAH:
+        return _LOW
+    return 0
+
+
+@kernel
+def check_battery(e: Any, f: Any, p: Any, b: Any, now_ns: int, dt_s: float) -> int:
+    """One aircraft: measure and, while armed, raise an alarm at a level that is worse than any before."""
+    if p.BATT_MONITOR == 0:
+        b.remaining_pct = -1
+        return 0
+    measure(e, p, b, dt_s)
+    if f.armed == 0:
+        return 0
+    b.noticed = _level(p, b, now_ns)
+    return _BATTERY if b.noticed > b.level else 0
+
+
+def lands_for_battery(fleet: Fleet, craft: Craft) -> bool:
+    """Whether a battery failsafe is on whose action is to land, which no later failsafe may undo."""
+    power = fleet.power[craft.row]
+    return bool(power["tripped"]) and int(power["priority"]) <= _LAND_PRIORITY
+
+
+def worse(fleet: Fleet, craft: Craft) -> None:
+    """The battery is low or critical for the first time: say so; act unless an earlier action ranks higher."""
+    power = fleet.power
+    row = craft.row
+    level = int(power["noticed"][row])
+    words, name = ("critical", "BATT_FS_CRT_ACT") if level == CRITICAL else ("low", "BATT_FS_LOW_ACT")
+    volts, used = float(power["voltage"][row]), float(power["consumed_mah"][row])
+    fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Battery 1 is {words} {volts:.2f}V used {used:.0f} mAh")
+    fleet.note("event.battery", craft, {"level": words, "voltage_v": volts, "used_mah": used})
+    power["tripped"][row] = 1
+    power["level"][row] = level
+    action = int(fleet.param(craft, name))
+    priority = PRIORITIES.index(Action(action)) if action in PRIORITIES else len(PRIORITIES)
+    if priority <= power["priority"][row]:
+        _handle(fleet, craft, action)
+        power["priority"][row] = priority
+
+
+def _handle(fleet: Fleet, craft: Craft, action: int) -> None:
+    if should_disarm(fleet, craft):
+        disarm(fleet, craft, "battery_failsafe", ())
+        action = Action.NONE
+        announce(fleet, craft, "Battery", "Disarming")
+    elif (
+        mode_traits.landing(fleet, craft) and option(fleet, craft, Option.CONTINUE_IF_LANDING) and action != Action.NONE
+    ):
+        action = Action.LAND
+        announce(fleet, craft, "Battery", "Continuing Landing")
+    else:
+        announce(fleet, craft, "Battery")
+    act(fleet, craft, action, "battery_failsafe")

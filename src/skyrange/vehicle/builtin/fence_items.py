@@ -1,0 +1,178 @@
+"""How does a fence get in and out by the mission protocol? Its items, their checks, and the zones that they make.
+
+After libraries/GCS_MAVLink/MissionItemProtocol_Fence.cpp and AC_PolyFence_loader.cpp `validate_fence`, `write_fence`. A
+fence is taken as a whole or not at all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.fence_zones import CIRCLE_IN, CIRCLE_OUT, MAX_ITEMS, POLYGON_IN, POLYGON_OUT
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
+from skyrange.vehicle.builtin.item_kinds import ItemKind, Partner, lat_lon_e7, plain_message
+
+_NUMBER = dialect.MAV_MISSION_TYPE_FENCE
+_ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
+_VERTEX_IN = dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+_VERTEX_OUT = dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
+_ROUND_IN = dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+_ROUND_OUT = dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
+_RETURN = dialect.MAV_CMD_NAV_FENCE_RETURN_POINT
+_ZONE_OF = {_VERTEX_IN: POLYGON_IN, _VERTEX_OUT: POLYGON_OUT, _ROUND_IN: CIRCLE_IN, _ROUND_OUT: CIRCLE_OUT}
+_POLYGONS = (_VERTEX_IN, _VERTEX_OUT)
+_CIRCLES = (_ROUND_IN, _ROUND_OUT)
+# AC_PolyFence_loader.h AC_PolyFenceType, as its texts count them
+_TYPE_NUMBER = {_VERTEX_IN: 98, _VERTEX_OUT: 97, _ROUND_OUT: 93, _RETURN: 95, _ROUND_IN: 92}
+_FRAMES = frozenset(
+    (
+        dialect.MAV_FRAME_GLOBAL,
+        dialect.MAV_FRAME_GLOBAL_INT,
+        dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+        dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT,
+        dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT,
+    )
+)
+_VERTICES_MAX = 255
+_VERTICES_MIN = 3
+_LAT_MAX, _LON_MAX = 900_000_000, 1_800_000_000
+_BYTES = 560
+"""StorageFence of 15 areas: 48 + 256 + 256."""
+
+
+def _slot(message: Any, causes: Causes) -> tuple[int, Slot | None]:
+    """(MAV_MISSION_RESULT, slot) of one item (`convert_MISSION_ITEM_INT_to_AC_PolyFenceItem`)."""
+    if message.frame not in _FRAMES:
+        return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME), None
+    if message.command not in _TYPE_NUMBER:
+        return int(dialect.MAV_MISSION_UNSUPPORTED), None
+    value = message.param1
+    if message.command in _POLYGONS:
+        if value > _VERTICES_MAX:
+            return int(dialect.MAV_MISSION_INVALID_PARAM1), None
+        value = float(int(value)) if value >= 0.0 else 0.0  # a count; what is no number is none
+    elif message.command == _RETURN:
+        value = 0.0
+    x, y = lat_lon_e7(message)
+    return _ACCEPTED, Slot(message.command, dialect.MAV_FRAME_GLOBAL, value, x=x, y=y, causes=causes)
+
+
+def _begin(craft: Craft, upload: Upload, count: int | None) -> None:
+    upload.items = list(craft.fence) if count is None else [None] * count
+
+
+def _put(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
+    if message.seq >= len(upload.items):
+        return int(dialect.MAV_MISSION_INVALID_SEQUENCE)
+    result, slot = _slot(message, causes)
+    if slot is not None:
+        upload.items[message.seq] = slot
+    return result
+
+
+def _fault(items: list[Slot]) -> str:
+    """Why the items make no fence, in ArduPilot's words, or "" (`validate_fence`)."""
+    left, of, kind, returns = 0, 0, 0, 0
+    for item in items:
+        if item.command in _POLYGONS:
+            vertices = int(item.param1)
+            if vertices < _VERTICES_MIN:
+                return f"Invalid vertex count ({vertices})"
+            if left == 0:
+                left, of, kind = vertices, vertices, item.command
+            elif item.command != kind:
+                return f"Received incorrect vertex type (want={_TYPE_NUMBER[kind]} got={_TYPE_NUMBER[item.command]})"
+            elif vertices != of:
+                return f"Unexpected vertex count want={of} got={vertices}"
+            left -= 1
+        else:
+            if left:
+                return f"Received incorrect type (want={_TYPE_NUMBER[kind]} got={_TYPE_NUMBER[item.command]})"
+            if item.command in _CIRCLES and not item.param1 > 0.0:
+                return "Non-positive circle radius"
+            returns += item.command == _RETURN
+            if returns > 1:
+                return "Multiple return points"
+        if abs(item.x) > _LAT_MAX or abs(item.y) > _LON_MAX:
+            return "Bad lat or lon"
+    return "Incorrect item count" if left else ""
+
+
+def _space(items: list[Slot]) -> int:
+    """Bytes that a valid fence takes (`fence_storage_space_required`)."""
+    need, place = 4, 0
+    while place < len(items):
+        item = items[place]
+        if item.command in _POLYGONS:
+            need += 2 + 8 * int(item.param1)
+            place += int(item.param1)
+        else:
+            need += 13 if item.command in _CIRCLES else 9
+            place += 1
+    return need
+
+
+def _complete(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
+    items = [item for item in upload.items if item is not None]
+    fault = _fault(items)
+    if fault:
+        severity = dialect.MAV_SEVERITY_INFO if fault == "Incorrect item count" else dialect.MAV_SEVERITY_WARNING
+        fleet.text(craft, severity, fault, causes)
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Fence validation failed", causes)
+        return int(dialect.MAV_MISSION_ERROR)
+    if _space(items) > _BYTES:
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Fence exceeds storage size", causes)
+        return int(dialect.MAV_MISSION_ERROR)
+    _store(fleet, craft, items, causes)
+    return _ACCEPTED
+
+
+def _store(fleet: Fleet, craft: Craft, items: list[Slot], causes: Causes) -> None:
+    """Put a valid fence in force."""
+    craft.fence = items
+    fleet.note("event.fence", craft, {"items": len(items)}, causes)
+    zone = fleet.zones[craft.row]
+    zone["count"] = 0
+    zone["tightest"] = min((item.param1 for item in items if item.command == _ROUND_IN), default=0.0)
+    points = 0
+    place = 0
+    while place < len(items):
+        item = items[place]
+        size = int(item.param1) if item.command in _POLYGONS else 1
+        if item.command in _ZONE_OF:
+            number = int(zone["count"])
+            zone["kind"][number] = _ZONE_OF[item.command]
+            zone["first"][number] = points
+            zone["size"][number] = size
+            zone["radius"][number] = item.param1 if item.command in _CIRCLES else math.nan
+            for vertex in items[place : place + size]:
+                zone["point"][points] = fleet.origin.enu_of(vertex.x * 1e-7, vertex.y * 1e-7)
+                points += 1
+            zone["count"] = number + 1
+        place += size
+
+
+def _clear(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+    _store(fleet, craft, [], causes)
+    return True
+
+
+def _message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
+    return plain_message(_NUMBER, craft.fence[seq], seq, partner, whole) if seq < len(craft.fence) else None
+
+
+FENCE: Final = ItemKind(
+    number=_NUMBER,
+    most=MAX_ITEMS,
+    timeout="Fence upload timeout",
+    items=lambda craft: craft.fence,
+    begin=_begin,
+    put=_put,
+    complete=_complete,
+    stopped=lambda fleet, craft: None,
+    message=_message,
+    clear=_clear,
+)

@@ -1,0 +1,23 @@
+"""Where is home, and who is told? After `Copter::set_home` (ArduCopter/commands.cpp) and AP_AHRS::set_home."""
+
+from __future__ import annotations
+
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
+from skyrange.vehicle.builtin.telemetry.table import message
+
+
+def announce(fleet: Fleet, craft: Craft, causes: Causes) -> None:
+    """Say where home and the origin of local positions are, as at every change of home."""
+    for number in (mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN):
+        told = message(fleet, craft, number)
+        if told is not None:
+            fleet.send(craft, told, causes)
+
+
+def set_home(fleet: Fleet, craft: Craft, place: tuple[float, float, float], causes: Causes) -> None:
+    """Move home to a place (ENU metres) and lock it there: arming leaves it."""
+    craft.home = place
+    craft.home_locked = True
+    fleet.note("event.home", craft, {"east_m": place[0], "north_m": place[1], "up_m": place[2]}, causes)
+    announce(fleet, craft, causes)

@@ -1,0 +1,24 @@
+"""What sort of mode is it? ArduCopter's `requires_GPS`, `has_manual_throttle`, `is_autopilot`, `is_landing` (mode.h).
+
+By number, so that a mode may be known here before it can be flown.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.modes import Mode
+
+NEEDS_POSITION: Final = frozenset((3, 4, 5, 6, 7, 16, 17))
+"""AUTO, GUIDED, LOITER, RTL, CIRCLE, POSHOLD, BRAKE: not to be entered or armed in without a position."""
+MANUAL_THROTTLE: Final = frozenset((0, 1))
+"""STABILIZE, ACRO."""
+AUTOPILOT: Final = frozenset((3, 4, 6, 7, 9))
+"""AUTO, GUIDED, RTL, CIRCLE, LAND: they fly without a pilot."""
+
+
+def landing(fleet: Fleet, craft: Craft) -> bool:
+    """Whether it is coming down to land, in LAND or at the end of RTL or of a mission."""
+    return craft.mode == Mode.LAND or (craft.mode in (Mode.RTL, Mode.AUTO) and fleet.control(craft) == Control.LAND)

@@ -1,0 +1,1 @@
+"""What does the aircraft report, and how often?"""

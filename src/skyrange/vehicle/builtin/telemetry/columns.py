@@ -1,0 +1,109 @@
+"""What do the columns of a report need from a fleet? Times, angles, places and whole numbers, by rows.
+
+All of it is vectorised over `rows` (aircraft); a row's numbers depend on that row alone. Angles turn from this
+project's frames (east-north-up, forward-left-up, counter-clockwise from east) into MAVLink's (north-east-down,
+forward-right-down, clockwise from north).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Ints
+from skyrange.codec.columns import Table
+from skyrange.core.time import NS_PER_MS, NS_PER_US
+from skyrange.vehicle.builtin.fleet import Fleet
+
+Floats = NDArray[np.float64]
+Builder = Callable[[Fleet, Ints, Table], None]
+"""Fills a table, one row per aircraft of `rows`, in wire units; the table comes all zero."""
+Asks = Callable[[Fleet, Ints], NDArray[np.bool_]]
+"""Whether each of some aircraft has a message to send at all."""
+
+U16 = 65_535
+I16 = 32_767
+I32 = 2**31 - 1
+
+
+def boot_ms(fleet: Fleet, rows: Ints) -> Ints:
+    """`time_boot_ms`: since the aircraft was switched on, around at 2³² ms."""
+    since: Ints = np.maximum(fleet.now - fleet.boot_ns[rows], 0) // NS_PER_MS & 0xFFFFFFFF
+    return since
+
+
+def boot_us(fleet: Fleet, rows: Ints) -> Ints:
+    """`time_usec` as ArduPilot fills it: since boot, never UTC, which is SYSTEM_TIME's to say."""
+    since: Ints = np.maximum(fleet.now - fleet.boot_ns[rows], 0) // NS_PER_US
+    return since
+
+
+def held(values: Floats, most: int, least: int | None = None) -> Floats:
+    """Numbers held between the ends of an integer field (−`most` unless `least` is given), which cuts their fractions.
+
+    What is no number ends up at an end: `known` keeps such out.
+    """
+    inside: Floats = np.fmin(np.fmax(values, -most if least is None else least), most)
+    return inside
+
+
+def known(values: Floats) -> Floats:
+    """The same numbers, 0 where there is none yet."""
+    found: Floats = np.where(np.isfinite(values), values, 0.0)
+    return found
+
+
+def of_crafts(fleet: Fleet, rows: Ints, read: Callable[[Any], Any], dtype: str = "i8") -> NDArray[Any]:
+    """Something that only the message-rate objects know."""
+    crafts = fleet.crafts
+    return np.array([read(crafts[row]) for row in rows.tolist()], dtype=dtype)
+
+
+def heading_rad(yaw: Floats) -> Floats:
+    """Clockwise from north, −π…π, of a yaw counter-clockwise from east."""
+    turned: Floats = (1.5 * math.pi - yaw) % (2.0 * math.pi) - math.pi
+    return turned
+
+
+def heading_cdeg(yaw: Floats) -> Ints:
+    """The same in hundredths of a degree, 0…35999 (`yaw_sensor`)."""
+    return _cdeg(np.degrees(0.5 * math.pi - yaw))
+
+
+def course_cdeg(east: Floats, north: Floats) -> Ints:
+    """Direction of a velocity, clockwise from north, 0…35999."""
+    return _cdeg(np.degrees(np.arctan2(east, north)))
+
+
+def _cdeg(degrees: Floats) -> Ints:
+    turned: Ints = (degrees % 360.0 * 100.0).astype(np.int64) % 36_000
+    return turned
+
+
+def place_e7(fleet: Fleet, east: Floats, north: Floats) -> tuple[Ints, Ints]:
+    """Latitude and longitude in 1e-7 degrees."""
+    lat, lon = fleet.origin.to_geodetic(east, north)
+    return np.rint(lat * 1e7).astype(np.int64), np.rint(lon * 1e7).astype(np.int64)
+
+
+def msl_mm(fleet: Fleet, up: Floats) -> Floats:
+    """Altitude above mean sea level in millimetres, of a height above the origin."""
+    return held((fleet.origin.alt_msl_m + up) * 1e3, I32)
+
+
+def homes(fleet: Fleet, rows: Ints) -> Floats:
+    """(n, 3) home, ENU metres."""
+    return of_crafts(fleet, rows, _home, "f8").reshape(len(rows), 3)
+
+
+def _home(craft: Any) -> Any:
+    return craft.home
+
+
+def mode(craft: Any) -> Any:
+    """HEARTBEAT.custom_mode of one aircraft."""
+    return craft.mode

@@ -1,0 +1,218 @@
+"""Where is the aircraft and how does it move, as it believes? The reports of attitude, position, course and target.
+
+After libraries/GCS_MAVLink/GCS_Common.cpp (`send_attitude`, `send_global_position_int`, …) and
+ArduCopter/GCS_MAVLink_Copter.cpp (`send_nav_controller_output`, `send_position_target_…`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Ints
+from skyrange.codec.columns import Table
+from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.fleet import Fleet
+from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.telemetry import columns
+from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, Floats, held
+
+POSITION_KNOWN: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
+_LEG: Final = int(Control.LEG)
+_POSITION_CONTROL: Final = int(Control.POSITION)
+_TAKEOFF: Final = int(Control.TAKEOFF)
+_TRACK: Final = int(Control.TRACK)
+# POSITION_TARGET_TYPEMASK bits to ignore
+_POSITION: Final = 0b111
+_VELOCITY: Final = 0b111000
+_ACCEL: Final = 0b111000000
+_YAW: Final = 0b110000000000
+_LAST: Final = 0xF000
+
+
+def attitude(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """ATTITUDE."""
+    e = fleet.estimate
+    rate = e["rate"][rows]
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["roll"] = e["roll"][rows]
+    out["pitch"] = -e["pitch"][rows]
+    out["yaw"] = columns.heading_rad(e["yaw"][rows])
+    out["rollspeed"] = rate[:, 0]
+    out["pitchspeed"] = -rate[:, 1]
+    out["yawspeed"] = -rate[:, 2]
+
+
+def attitude_quaternion(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """ATTITUDE_QUATERNION: from the body (forward-right-down) to north-east-down."""
+    e = fleet.estimate
+    rate = e["rate"][rows]
+    half_roll, half_pitch = 0.5 * e["roll"][rows], -0.5 * e["pitch"][rows]
+    half_yaw = 0.5 * columns.heading_rad(e["yaw"][rows])
+    cr, sr = np.cos(half_roll), np.sin(half_roll)
+    cp, sp = np.cos(half_pitch), np.sin(half_pitch)
+    cy, sy = np.cos(half_yaw), np.sin(half_yaw)
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["q1"] = cr * cp * cy + sr * sp * sy
+    out["q2"] = sr * cp * cy - cr * sp * sy
+    out["q3"] = cr * sp * cy + sr * cp * sy
+    out["q4"] = cr * cp * sy - sr * sp * cy
+    out["rollspeed"] = rate[:, 0]
+    out["pitchspeed"] = -rate[:, 1]
+    out["yawspeed"] = -rate[:, 2]
+
+
+def ahrs2(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """AHRS2: the second opinion. Attitude is the estimator's own, position is the receiver's, as of ArduPilot's DCM."""
+    e = fleet.estimate
+    place = columns.known(e["gnss_pos"][rows])
+    out["roll"] = e["roll"][rows]
+    out["pitch"] = -e["pitch"][rows]
+    out["yaw"] = columns.heading_rad(e["yaw"][rows])
+    out["altitude"] = fleet.origin.alt_msl_m + place[:, 2]
+    out["lat"], out["lng"] = columns.place_e7(fleet, place[:, 0], place[:, 1])
+
+
+def local_position_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """LOCAL_POSITION_NED, from the origin."""
+    e = fleet.estimate
+    pos, vel = e["pos"][rows], e["vel"][rows]
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["x"], out["y"], out["z"] = pos[:, 1], pos[:, 0], -pos[:, 2]
+    out["vx"], out["vy"], out["vz"] = vel[:, 1], vel[:, 0], -vel[:, 2]
+
+
+def has_position(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
+    """Whether the estimator stands by its position."""
+    known: NDArray[np.bool_] = (fleet.estimate["status"][rows] & POSITION_KNOWN) != 0
+    return known
+
+
+def global_position_int(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """GLOBAL_POSITION_INT."""
+    e = fleet.estimate
+    pos, vel = e["pos"][rows], e["vel"][rows]
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
+    out["alt"] = columns.msl_mm(fleet, pos[:, 2])
+    out["relative_alt"] = held((pos[:, 2] - columns.homes(fleet, rows)[:, 2]) * 1e3, I32)
+    out["vx"] = held(vel[:, 1] * 100.0, I16)
+    out["vy"] = held(vel[:, 0] * 100.0, I16)
+    out["vz"] = held(vel[:, 2] * -100.0, I16)
+    out["hdg"] = columns.heading_cdeg(e["yaw"][rows])
+
+
+def vfr_hud(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """VFR_HUD; without an airspeed sensor `airspeed` is the receiver's ground speed."""
+    e, f = fleet.estimate, fleet.flight
+    vel, seen = e["vel"][rows], columns.known(e["gnss_vel"][rows])
+    out["airspeed"] = np.hypot(seen[:, 0], seen[:, 1])
+    out["groundspeed"] = np.hypot(vel[:, 0], vel[:, 1])
+    out["heading"] = columns.heading_cdeg(e["yaw"][rows]) // 100
+    out["throttle"] = np.where(f["armed"][rows] == 1, held(f["throttle"][rows] * 100.0, 100, 0), 0)
+    out["alt"] = fleet.origin.alt_msl_m + e["pos"][rows, 2]
+    out["climb"] = vel[:, 2]
+
+
+def home_position(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """HOME_POSITION; the attitude there is not known."""
+    home = columns.homes(fleet, rows)
+    out["latitude"], out["longitude"] = columns.place_e7(fleet, home[:, 0], home[:, 1])
+    out["altitude"] = columns.msl_mm(fleet, home[:, 2])
+    out["x"], out["y"], out["z"] = home[:, 1], home[:, 0], -home[:, 2]
+    out["q"] = math.nan
+    out["time_usec"] = columns.boot_us(fleet, rows)
+
+
+def gps_global_origin(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """GPS_GLOBAL_ORIGIN: where LOCAL_POSITION_NED is 0."""
+    zero = np.zeros(1)
+    lat, lon = columns.place_e7(fleet, zero, zero)
+    out["latitude"], out["longitude"] = lat[0], lon[0]
+    out["altitude"] = columns.msl_mm(fleet, zero)[0]
+    out["time_usec"] = columns.boot_us(fleet, rows)
+
+
+def terrain_report(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """TERRAIN_REPORT: the ground is flat, at the height of the origin."""
+    pos = fleet.estimate["pos"][rows]
+    out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
+    out["spacing"] = 100  # TERRAIN_SPACING
+    out["terrain_height"] = fleet.origin.alt_msl_m
+    out["current_height"] = pos[:, 2]
+
+
+def _guided(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
+    guided: NDArray[np.bool_] = columns.of_crafts(fleet, rows, columns.mode) == Mode.GUIDED
+    return guided
+
+
+def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """NAV_CONTROLLER_OUTPUT: attitude and heading, distance and bearing of the target, errors of height and track."""
+    e, f = fleet.estimate, fleet.flight
+    flying = f["landed"][rows] == 0
+    going = has_place(fleet, rows)
+    away = f["target_pos"][rows] - e["pos"][rows]
+    behind = f["ref_pos"][rows] - e["pos"][rows]
+    along = f["ref_vel"][rows, :2]
+    speed = np.hypot(along[:, 0], along[:, 1])
+    across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
+    out["nav_roll"] = np.degrees(e["roll"][rows])
+    out["nav_pitch"] = -np.degrees(e["pitch"][rows])
+    out["nav_bearing"] = held(np.degrees(columns.heading_rad(_yaw(f["att"][rows]))), 180)
+    bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
+    out["target_bearing"] = np.where(going, held(bearing, 180), 0)
+    out["wp_dist"] = np.where(going, held(np.hypot(away[:, 0], away[:, 1]), U16), 0)
+    out["alt_error"] = np.where(flying, behind[:, 2], 0.0)
+    out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
+
+
+def _yaw(quats: Floats) -> Floats:
+    """The yaw of attitudes (n, 4)."""
+    w, x, y, z = quats.T
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def position_target_global_int(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """POSITION_TARGET_GLOBAL_INT: the place it flies to."""
+    target = fleet.flight["target_pos"][rows]
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["coordinate_frame"] = dialect.MAV_FRAME_GLOBAL
+    out["type_mask"] = _VELOCITY | _ACCEL | _YAW | _LAST
+    out["lat_int"], out["lon_int"] = columns.place_e7(fleet, target[:, 0], target[:, 1])
+    out["alt"] = fleet.origin.alt_msl_m + target[:, 2]
+
+
+def has_place(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
+    """Whether it flies to a place (`get_wp` of the mode)."""
+    control = fleet.flight["control"][rows]
+    to_place: NDArray[np.bool_] = (control == _LEG) | (control == _POSITION_CONTROL)
+    return to_place
+
+
+def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """POSITION_TARGET_LOCAL_NED of GUIDED: a place, a moving place, or a velocity."""
+    f = fleet.flight
+    control = f["control"][rows]
+    to_place = has_place(fleet, rows) | (control == _TAKEOFF) | (control == _TRACK)
+    place, vel = f["target_pos"][rows], f["target_vel"][rows]
+    moving = to_place & (vel != 0.0).any(axis=1)
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
+    out["type_mask"] = np.where(moving, _YAW, np.where(to_place, _VELOCITY | _ACCEL | _YAW, _POSITION | _YAW))
+    _ned(out, ("x", "y", "z"), place, to_place)
+    _ned(out, ("vx", "vy", "vz"), vel, moving | ~to_place)
+
+
+def _ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
+    for name, values in zip(names, (enu[:, 1], enu[:, 0], -enu[:, 2]), strict=True):
+        out[name] = np.where(said, values, 0.0)
+
+
+def in_guided(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
+    """Whether the mode is GUIDED, the only one with a local target."""
+    return _guided(fleet, rows)

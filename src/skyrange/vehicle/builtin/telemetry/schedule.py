@@ -1,0 +1,122 @@
+"""Which reports are due, and how do they go out? One pass per service over the whole fleet.
+
+Each aircraft's reports start at a moment of its own within the interval, as if the aircraft had been switched on
+apart. An aircraft's frames of one moment keep the order of `table.BUILDERS`, as do its sequence numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyrange.agent.payloads import Ints
+from skyrange.codec.columns import Table, pack
+from skyrange.core.compiled import kernel
+from skyrange.core.time import NEVER, NS_PER_MS, Time
+from skyrange.vehicle.builtin.fleet import COMPONENT, Fleet
+from skyrange.vehicle.builtin.numbering import number
+from skyrange.vehicle.builtin.telemetry.table import BUILDERS, HAS, SILENT, build
+
+SERVICE_NS: Final = 10 * NS_PER_MS
+COLUMN: Final = {message: column for column, message in enumerate((*BUILDERS, *sorted(SILENT)))}
+"""Every message that takes an interval; those that can be sent come first."""
+_SENT: Final = len(BUILDERS)
+_IN_ORDER: Final = tuple(BUILDERS)
+_NEVER: Final = int(NEVER)
+
+
+class Batch(NamedTuple):
+    """Messages of one type that are due: the aircraft, what each says, and the numbers of the frames."""
+
+    message_id: int
+    rows: Ints
+    values: Table
+    sequences: Ints
+
+
+@kernel
+def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, rows: Ints, ends: Ints) -> int:
+    """Write the aircraft that are due, message by message, to `rows`; `ends` says where each message's end.
+
+    A message that has fallen behind its interval is not made up for (GCS_MAVLINK::update_send).
+    """
+    count = 0
+    for column in range(due.shape[1]):
+        for place in range(picked.shape[0]):
+            row = picked[place]
+            if due[row, column] <= now:
+                rows[count] = row
+                count += 1
+                due[row, column] = max(due[row, column] + period[row, column], now + 1)
+        ends[column] = count
+    for place in range(picked.shape[0]):
+        row = picked[place]
+        least = due[row, 0]
+        for column in range(1, due.shape[1]):
+            least = min(least, due[row, column])
+        soonest[row] = least
+    return count
+
+
+class Schedule:
+    """When which message of which aircraft falls due: two (aircraft, message) arrays of nanoseconds."""
+
+    __slots__ = ("due", "offset", "period", "soonest")
+
+    def __init__(self, offsets_ns: Ints) -> None:
+        """`offsets_ns` (aircraft,): where in its interval each aircraft starts, below one second."""
+        count = offsets_ns.shape[0]
+        self.offset = offsets_ns
+        self.period = np.zeros((count, len(COLUMN)), dtype=np.int64)
+        self.due = np.full((count, _SENT), NEVER, dtype=np.int64)
+        self.soonest = np.full(count, NEVER, dtype=np.int64)
+
+    def set(self, row: int, message: int, period_ns: Time, now: Time) -> None:
+        """Send `message` every `period_ns` from now on, at most once a service; 0 stops it."""
+        column = COLUMN[message]
+        self.period[row, column] = period_ns
+        if column < _SENT:
+            offset = int(self.offset[row]) % period_ns if period_ns else 0
+            self.due[row, column] = now + offset if period_ns else NEVER
+            self.soonest[row] = self.due[row].min()
+
+    def clear(self, row: int) -> None:
+        """Stop everything, as at power-on."""
+        self.period[row] = 0
+        self.due[row] = NEVER
+        self.soonest[row] = NEVER
+
+    def take(self, fleet: Fleet) -> list[Batch]:
+        """What is due now, built and numbered; the next times are set."""
+        picked = np.flatnonzero(self.soonest <= fleet.now)
+        if len(picked) == 0:
+            return []
+        rows = np.empty(len(picked) * _SENT, dtype=np.int64)
+        ends = np.empty(_SENT, dtype=np.int64)
+        _take_due(self.due, self.period, self.soonest, picked, fleet.now, rows, ends)
+        found: list[tuple[int, Ints]] = []
+        start = 0
+        for message, end in zip(_IN_ORDER, ends.tolist(), strict=True):
+            if end > start:
+                those = rows[start:end]
+                if message in HAS:
+                    those = those[HAS[message](fleet, those)]
+                if len(those):
+                    found.append((message, those))
+            start = end
+        batches = []
+        for message, those in found:
+            sequences = np.empty(len(those), dtype=np.int64)
+            number(those, fleet.sequences, sequences)
+            batches.append(Batch(message, those, build(fleet, message, those), sequences))
+        return batches
+
+    def send_due(self, fleet: Fleet) -> None:
+        """Send everything that is due now and set the next times."""
+        batches = self.take(fleet)
+        if not batches:
+            return
+        systems = fleet.systems
+        payloads = pack([(b.message_id, b.values, systems[b.rows], b.sequences) for b in batches], COMPONENT)
+        fleet.outbox.send_block(np.concatenate([batch.rows for batch in batches]), payloads)

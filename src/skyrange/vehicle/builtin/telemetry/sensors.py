@@ -1,0 +1,128 @@
+"""What do the sensors and outputs say? The reports of receiver, inertial sensors, barometer, motors and radio.
+
+After `send_raw_imu`, `send_scaled_pressure_instance`, `send_servo_output_raw` and others of
+libraries/GCS_MAVLink/GCS_Common.cpp, and AP_GPS::send_mavlink_gps_raw. A board has a second inertial sensor and
+barometer; here they say what the first ones say.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Ints
+from skyrange.codec.columns import Table
+from skyrange.codec.mavlink import dialect
+from skyrange.core.time import NS_PER_US
+from skyrange.vehicle.builtin.fleet import Fleet
+from skyrange.vehicle.builtin.telemetry import columns
+from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, held
+
+_GRAVITY_MPS2: Final = 9.80665  # AP_Math definitions.h GRAVITY_MSS
+_LEAST_PWM_US: Final = 1000
+_PWM_RANGE_US: Final = 1000
+"""MOT_PWM_MIN to MOT_PWM_MAX."""
+_SERVOS: Final = tuple(f"servo{motor + 1}_raw" for motor in range(16))
+_SEA_LEVEL_HPA: Final = 1013.25
+_RANGE_CM: Final = (20, 5000)
+_UNKNOWN_DOP: Final = 9999  # GPS_UNKNOWN_DOP
+
+
+def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """GPS_RAW_INT: what the receiver says, not what the estimator makes of it."""
+    e = fleet.estimate
+    pos, vel = columns.known(e["gnss_pos"][rows]), columns.known(e["gnss_vel"][rows])
+    seen = fleet.now - (e["gnss_age_s"][rows] * 1e9).astype(np.int64) - fleet.boot_ns[rows]
+    fix = e["gnss_fix"][rows]
+    located = fix >= dialect.GPS_FIX_TYPE_2D_FIX
+    out["time_usec"] = np.maximum(seen, 0) // NS_PER_US
+    out["fix_type"] = fix
+    out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
+    out["alt"] = columns.msl_mm(fleet, pos[:, 2])
+    out["eph"] = np.where(located, held(e["gnss_hdop"][rows] * 100.0, U16, 0), _UNKNOWN_DOP)
+    out["epv"] = np.where(located, 80, _UNKNOWN_DOP)
+    out["vel"] = held(np.hypot(vel[:, 0], vel[:, 1]) * 100.0, U16, 0)
+    out["cog"] = columns.course_cdeg(vel[:, 0], vel[:, 1])
+    out["satellites_visible"] = e["gnss_sats"][rows]
+    out["alt_ellipsoid"] = held((fleet.origin.alt_msl_m + fleet.origin.geoid_m + pos[:, 2]) * 1e3, I32)
+    out["h_acc"] = 300
+    out["v_acc"] = 300
+    out["vel_acc"] = 40
+
+
+def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:
+    e = fleet.estimate
+    for name, field, scale, most in (
+        ("acc", "imu_accel", 1000.0 / _GRAVITY_MPS2, I16),
+        ("gyro", "rate", 1000.0, I16),
+        ("mag", "compass", 1000.0, I16),
+    ):
+        read = columns.known(e[field][rows]) * scale
+        out["x" + name] = held(read[:, 0], most)
+        out["y" + name] = held(-read[:, 1], most)
+        out["z" + name] = held(-read[:, 2], most)
+
+
+def raw_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """RAW_IMU: thousandths of gravity, mrad/s and mgauss, forward-right-down; not raw at all, as from ArduPilot."""
+    out["time_usec"] = columns.boot_us(fleet, rows)
+    _imu(fleet, rows, out)
+
+
+def scaled_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """SCALED_IMU and SCALED_IMU2."""
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    _imu(fleet, rows, out)
+
+
+def scaled_pressure(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """SCALED_PRESSURE and SCALED_PRESSURE2: the barometer's height as the standard atmosphere's pressure (ISO 2533)."""
+    height = fleet.origin.alt_msl_m + columns.known(fleet.estimate["baro_up"][rows])
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["press_abs"] = _SEA_LEVEL_HPA * np.maximum(1.0 - 2.25577e-5 * height, 0.0) ** 5.25588
+    out["temperature"] = held(1500.0 - 0.65 * height, I16)
+
+
+def rangefinder(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """RANGEFINDER, which looks down."""
+    out["distance"] = np.fmin(np.fmax(fleet.estimate["height"][rows], 0.0), _RANGE_CM[1] * 0.01)
+
+
+def distance_sensor(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """DISTANCE_SENSOR: the same."""
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["min_distance"], out["max_distance"] = _RANGE_CM
+    out["current_distance"] = held(fleet.estimate["height"][rows] * 100.0, _RANGE_CM[1], 0)
+    out["type"] = dialect.MAV_DISTANCE_SENSOR_LASER
+    out["orientation"] = dialect.MAV_SENSOR_ROTATION_PITCH_270
+
+
+def servo_output_raw(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """SERVO_OUTPUT_RAW: the motors' pulse lengths in µs, in ArduPilot's motor order."""
+    out["time_usec"] = columns.boot_us(fleet, rows) & 0xFFFFFFFF
+    commands = fleet.actuators[rows]
+    pulses = _LEAST_PWM_US + _PWM_RANGE_US * commands
+    for motor in range(commands.shape[1]):
+        out[_SERVOS[motor]] = pulses[:, motor]
+
+
+def rc_channels(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """RC_CHANNELS: no radio control is heard, and its signal strength is unknown."""
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    out["rssi"] = 255
+
+
+def has_fix(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
+    """Whether a receiver is there and has ever told a position."""
+    known: NDArray[np.bool_] = np.isfinite(fleet.estimate["gnss_pos"][rows, 0])
+    return known
+
+
+def ahrs(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """AHRS: drift and error of the attitude, by the compass and horizontal velocity that do not fit it."""
+    e = fleet.estimate
+    out["error_rp"] = np.minimum(e["vel_ratio"][rows], 1.0) * math.radians(1.0)
+    out["error_yaw"] = np.minimum(e["mag_ratio"][rows], 1.0) * math.radians(5.0)

@@ -1,0 +1,118 @@
+"""Which messages does a stream ask for, and how often is each sent unasked? ArduCopter's table.
+
+libraries/GCS_MAVLink/GCS_MAVLink_Parameters.cpp (`STREAM_…_msgs`), as far as these messages are sent here, and
+`handle_request_data_stream` (GCS_Param.cpp). Without a request only HEARTBEAT goes out, at 1 Hz, since ArduCopter's
+rates at boot are 0.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.parameters import INDEX
+from skyrange.vehicle.builtin.telemetry.schedule import Schedule
+
+STREAMS: Final[dict[int, tuple[str, tuple[int, ...]]]] = {
+    mav.MAV_DATA_STREAM_RAW_SENSORS: (
+        "SR0_RAW_SENS",
+        (
+            mav.MAVLINK_MSG_ID_RAW_IMU,
+            mav.MAVLINK_MSG_ID_SCALED_IMU2,
+            mav.MAVLINK_MSG_ID_SCALED_PRESSURE,
+            mav.MAVLINK_MSG_ID_SCALED_PRESSURE2,
+        ),
+    ),
+    mav.MAV_DATA_STREAM_EXTENDED_STATUS: (
+        "SR0_EXT_STAT",
+        (
+            mav.MAVLINK_MSG_ID_SYS_STATUS,
+            mav.MAVLINK_MSG_ID_POWER_STATUS,
+            mav.MAVLINK_MSG_ID_MEMINFO,
+            mav.MAVLINK_MSG_ID_MISSION_CURRENT,
+            mav.MAVLINK_MSG_ID_GPS_RAW_INT,
+            mav.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT,
+            mav.MAVLINK_MSG_ID_FENCE_STATUS,
+            mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
+        ),
+    ),
+    mav.MAV_DATA_STREAM_RC_CHANNELS: (
+        "SR0_RC_CHAN",
+        (mav.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, mav.MAVLINK_MSG_ID_RC_CHANNELS),
+    ),
+    mav.MAV_DATA_STREAM_RAW_CONTROLLER: ("SR0_RAW_CTRL", ()),
+    mav.MAV_DATA_STREAM_POSITION: (
+        "SR0_POSITION",
+        (mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED),
+    ),
+    mav.MAV_DATA_STREAM_EXTRA1: ("SR0_EXTRA1", (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_AHRS2)),
+    mav.MAV_DATA_STREAM_EXTRA2: ("SR0_EXTRA2", (mav.MAVLINK_MSG_ID_VFR_HUD,)),
+    mav.MAV_DATA_STREAM_EXTRA3: (
+        "SR0_EXTRA3",
+        (
+            mav.MAVLINK_MSG_ID_AHRS,
+            mav.MAVLINK_MSG_ID_RANGEFINDER,
+            mav.MAVLINK_MSG_ID_DISTANCE_SENSOR,
+            mav.MAVLINK_MSG_ID_SYSTEM_TIME,
+            mav.MAVLINK_MSG_ID_TERRAIN_REPORT,
+            mav.MAVLINK_MSG_ID_BATTERY_STATUS,
+            mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+            mav.MAVLINK_MSG_ID_VIBRATION,
+        ),
+    ),
+}
+"""MAV_DATA_STREAM → the parameter with its rate at boot, and its messages."""
+LEAST_MS: Final = 3
+"""The shortest interval that is taken, of a 400 Hz loop; here a message goes out every 10 ms at most."""
+
+_OF_MESSAGE: Final = {message: name for name, messages in STREAMS.values() for message in messages}
+
+
+def interval_ns(rate_hz: float) -> Time:
+    """The interval of a rate, in whole milliseconds as ArduPilot counts: 0, never, for less than 1 Hz or over 1 kHz.
+
+    `get_interval_for_stream` and `cap_message_interval` (GCS_Common.cpp): at most 0.8 of the main loop's rate.
+    """
+    whole_ms = 1000 // int(rate_hz) if rate_hz >= 1.0 else 0
+    return max(whole_ms, LEAST_MS) * NS_PER_MS if whole_ms else 0
+
+
+def boot_rates(schedule: Schedule, fleet: Fleet, craft: Craft) -> None:
+    """Start what is sent unasked: HEARTBEAT at 1 Hz, and streams at their SR0_… rates."""
+    schedule.clear(craft.row)
+    schedule.set(craft.row, mav.MAVLINK_MSG_ID_HEARTBEAT, NS_PER_S, fleet.now)
+    for name, messages in STREAMS.values():
+        period = interval_ns(fleet.param(craft, name))
+        for message in messages:
+            schedule.set(craft.row, message, period, fleet.now)
+
+
+def default_ns(fleet: Fleet, craft: Craft, message: int) -> Time:
+    """How often a message is sent by default; 0 is never."""
+    if message == mav.MAVLINK_MSG_ID_HEARTBEAT:
+        return NS_PER_S
+    return interval_ns(fleet.param(craft, _OF_MESSAGE[message])) if message in _OF_MESSAGE else 0
+
+
+def on_request(fleet: Fleet, schedule: Schedule, craft: Craft, message: Any) -> None:
+    """REQUEST_DATA_STREAM: start or stop one stream, or all (0); the rate is the stream's parameter until the
+    next boot.
+    """
+    if message.start_stop > 1:
+        return
+    # ArduPilot holds the rate in 16 bits with a sign: beyond them it is negative, and nothing is sent
+    asked = message.req_message_rate if message.start_stop == 1 else 0
+    rate = asked if asked <= 32_767 else 0
+    chosen = STREAMS if message.req_stream_id == mav.MAV_DATA_STREAM_ALL else (message.req_stream_id,)
+    for stream in chosen:
+        if stream not in STREAMS:
+            continue
+        name, messages = STREAMS[stream]
+        index = INDEX[name]
+        craft.unsaved.setdefault(index, float(fleet.stored[craft.row, index]))
+        fleet.stored[craft.row, index] = rate
+        period = interval_ns(rate)
+        for number in messages:
+            schedule.set(craft.row, number, period, fleet.now)

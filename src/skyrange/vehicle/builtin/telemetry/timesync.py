@@ -1,0 +1,16 @@
+"""What does the aircraft answer to a question about its clock? TIMESYNC (GCS_Common.cpp `handle_timesync`)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
+
+
+def on_timesync(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+    """A question (`tc1` 0) is answered with the time since boot, to which ArduPilot adds its system id."""
+    if message.tc1 != 0:
+        return
+    since_ns = max(fleet.now - int(fleet.boot_ns[craft.row]), 0) // 1000 * 1000 + craft.system_id
+    fleet.send(craft, mav.MAVLink_timesync_message(since_ns, message.ts1), causes)

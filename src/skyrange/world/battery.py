@@ -1,0 +1,107 @@
+"""How does a battery give out? Charge, voltage under load and what is left for the motors, one kernel over all
+aircraft.
+
+A resting voltage over charge in series with a resistance. The resting voltage is ArduPilot's table of a lithium polymer
+cell (libraries/SITL/SIM_Battery.cpp, `soc_table`). The load is electrical power: what the rotors did against the air
+(torque times speed) over the efficiency of motors and controllers, plus the avionics. With E the resting voltage and
+R the
+resistance, P = V·I and V = E - R·I give V = (E + √(E² - 4·R·P)) / 2, and no more power than E²/4R.
+
+A rotor's speed at full command goes with the voltage, as in ArduPilot's SIM_Motor.cpp (`voltage_scale`): the table of
+airframes has it at 3.7 V a cell. An empty battery stops the motors and stays empty. Left out: temperature, ageing,
+recovery
+after load, and the rotors' own inertia.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+from skyrange.world.airframes import MOTORS, Airframe
+
+Floats = NDArray[np.float64]
+
+BATTERY_NS = 10_000_000
+"""How often voltage and charge are worked out: as often as an autopilot reads them."""
+RATED_V = 3.7
+"""Per cell: a lithium polymer cell's nominal voltage, at which `Airframe.rotor_max_radps` holds."""
+
+RESTING: Final = np.array(
+    [
+        (0.00, 0.001), (0.0001, 0.01), (0.002, 0.3), (0.004, 0.6), (0.006, 1.0), (0.007, 1.3), (0.008, 1.6),
+        (0.009, 1.9), (0.010, 2.1), (0.011, 2.3), (0.012, 2.5), (0.013, 2.7), (0.015, 2.8), (0.020, 2.977),
+        (0.0385, 3.091), (0.0769, 3.165), (0.1154, 3.218), (0.1538, 3.296), (0.1923, 3.379), (0.2308, 3.462),
+        (0.2692, 3.503), (0.3077, 3.543), (0.3462, 3.588), (0.3846, 3.636), (0.4231, 3.679), (0.4615, 3.715),
+        (0.5000, 3.742), (0.5385, 3.783), (0.5769, 3.801), (0.6154, 3.833), (0.6538, 3.854), (0.6923, 3.887),
+        (0.7308, 3.908), (0.7692, 3.943), (0.8077, 3.987), (0.8462, 4.039), (0.8846, 4.071), (0.9231, 4.085),
+        (0.9615, 4.112), (1.0000, 4.173),
+    ]
+)  # fmt: skip
+"""(charge 0…1, volts of a resting cell)."""
+
+_COULOMB, _CELLS, _OHM, _AVIONICS_W, _PER_EFFICIENCY, _RADPS_PER_V = range(6)
+
+
+def battery_row(airframe: Airframe) -> list[float]:
+    """An airframe's numbers as the kernel reads them."""
+    return [
+        3600.0 * airframe.capacity_ah,
+        float(airframe.cells),
+        airframe.resistance_ohm,
+        airframe.avionics_w,
+        1.0 / airframe.drive_efficiency,
+        airframe.rotor_max_radps / (RATED_V * airframe.cells),
+    ]
+
+
+@kernel
+def resting_v(charge: float) -> float:
+    """Volts of a resting cell, linear between the table's rows."""
+    row = RESTING.shape[0] - 2
+    while row > 0 and RESTING[row, 0] > charge:
+        row -= 1
+    share = (charge - RESTING[row, 0]) / (RESTING[row + 1, 0] - RESTING[row, 0])
+    volts: float = RESTING[row, 1] + share * (RESTING[row + 1, 1] - RESTING[row, 1])
+    return volts
+
+
+@kernel
+def discharge(
+    step_s: float,
+    parameters: Floats,
+    airframe: NDArray[np.int64],
+    alive: NDArray[np.uint8],
+    work_j: Floats,
+    charge: Floats,
+    volts: Floats,
+    amperes: Floats,
+    limit: Floats,
+) -> None:
+    """Draw what the last `step_s` seconds took (0 only reads), and say how fast rotors can turn on what is left.
+
+    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,), `alive` (n, motors) 0 where a motor is lost,
+    `work_j` (n,) taken and cleared, `charge` (n,) 0…1, `volts` and `amperes` (n,), `limit` (n, motors) in rad/s.
+    """
+    for i in range(charge.shape[0]):
+        p = parameters[airframe[i]]
+        power = p[_AVIONICS_W]
+        if step_s > 0.0:
+            power += work_j[i] * p[_PER_EFFICIENCY] / step_s
+        work_j[i] = 0.0
+        rest = p[_CELLS] * resting_v(charge[i])
+        full = 0.0
+        if charge[i] > 0.0:
+            under = rest * rest - 4.0 * p[_OHM] * power
+            volts[i] = 0.5 * (rest + math.sqrt(max(under, 0.0)))
+            amperes[i] = min(power / volts[i], 0.5 * rest / p[_OHM])
+            charge[i] = max(charge[i] - amperes[i] * step_s / p[_COULOMB], 0.0)
+            full = p[_RADPS_PER_V] * volts[i]
+        if charge[i] == 0.0:
+            volts[i] = amperes[i] = full = 0.0
+        for m in range(MOTORS):
+            limit[i, m] = full * alive[i, m]

@@ -1,0 +1,473 @@
+"""Who touches whom or what in a tick, and what comes of it? Swept cylinders, aircraft against aircraft and buildings.
+
+An aircraft is an upright cylinder from the bottom of its gear to its top, as wide as its propeller tips reach. In a
+tick
+each moves along a straight line, and so does one seen from another: when two cylinders overlap is a quadratic in the
+plane and a line upwards, solved exactly, so nothing passes through anything at any speed. Against walls the path is
+looked at every half radius, which a disc cannot jump however thin the wall.
+
+Cheap because bounds are kept: `travelled` is the sum over ticks of the longest way that any aircraft went, so two
+aircraft a gap g apart cannot touch before it has grown by g/2, nor one and a wall before it has grown by their
+distance.
+Pairs that are near are listed by a census over a grid of cells, made again when `travelled` has grown by half of how
+near
+was near. Bounds only skip what cannot touch, so no result depends on who else flies.
+
+Contact. Rigid bodies without friction: an impulse J along the normal at the point of contact, with restitution
+`RESTITUTION`, through both masses and inertias, so momentum and, up to
+`MOST_RADPS`, angular momentum are kept (Goldstein; Baraff,
+"Physically Based Modeling", SIGGRAPH 2001). Aircraft are taken in the order of their ids.
+
+Damage is a modelling choice, for want of published figures: a touched propeller is lost. From the side that is the one
+nearest to the contact and all within 60 degrees of it, from above those under the other's disc, from below none; and
+all
+of them when the impulse changes the aircraft's speed by more than `WRECK_MPS`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.city.walls import MARGIN_M, Walls, cell_at, footprint, outside
+from skyrange.core.compiled import kernel
+from skyrange.world.airframes import MOTORS, Airframe
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+RESTITUTION = 0.3
+"""Of speed along the normal: between crushing (0) and bouncing (1); a modelling choice."""
+WRECK_MPS = 10.0
+"""A change of speed that leaves no motor running; a modelling choice."""
+MOST_RADPS = 100.0
+"""About each axis: what would spin faster than 16 turns a second breaks instead, and a tick could not follow it."""
+NEAR_M = 10.0
+"""A pair closer than this is on the census's list."""
+_GENTLE_MPS = 0.05  # a slower touch stops without bounce or damage
+_SIDE_COS = 0.5
+_EDGE_M = 0.25  # how exactly a roof's edge is known as the end of the floor, as half a gear's width
+_ON_ROOF_M = 0.02  # so far below a roof the gear still stands on it
+
+_RADIUS, _HEIGHT, _CG, _MASS, _PER_JX, _PER_JY, _PER_JZ, _PROPELLER, _ROTORS = range(9)  # then two per rotor
+WHO, WITH, SPEED, EAST, NORTH, UP, ENERGY = range(7)
+"""Columns of a hit: rows of the two (a building is -1 less its index), relative speed, place, energy."""
+GENTLE = -1.0
+"""Energy of a touch that is none to speak of, as of two that rest against each other; its place is not told."""
+
+
+class Bodies(NamedTuple):
+    """The world's arrays that a collision reads and writes; n aircraft, shapes as in `multirotor.advance`."""
+
+    before: Floats
+    position: Floats
+    velocity: Floats
+    attitude: Floats
+    rates: Floats
+    rotor_radps: Floats
+    accel: Floats
+    limit: Floats
+    floor: Floats
+    alive: NDArray[np.uint8]
+    """(n, motors): 0 where a motor is lost."""
+    shape: Floats
+    """(airframes, numbers): `shape_row`."""
+    airframe: Ints
+
+
+def shape_row(airframe: Airframe) -> list[float]:
+    """An airframe's numbers as the kernels read them."""
+    row = [airframe.radius_m, airframe.height_m, airframe.cg_height_m, airframe.mass_kg]
+    row += [1.0 / moment for moment in airframe.inertia_kgm2]
+    row.append(airframe.propeller_m)
+    for rotor in airframe.rotors:
+        row += [rotor.forward_m, rotor.left_m]
+    return row
+
+
+@kernel
+def due(travelled: float, pair_due: Floats, wall_due: Floats) -> int:
+    """How many pairs and aircraft have to be looked at."""
+    count = 0
+    for k in range(pair_due.shape[0]):
+        count += travelled > pair_due[k]
+    for i in range(wall_due.shape[0]):
+        count += travelled > wall_due[i]
+    return count
+
+
+@kernel
+def _gap(a: Floats, b: Floats, radii: float, height_a: float, height_b: float) -> float:
+    """How far apart two cylinders are, 0 if they overlap."""
+    x, y = a[0] - b[0], a[1] - b[1]
+    across = max(math.sqrt(x * x + y * y) - radii, 0.0)
+    up = max(max(a[2] - b[2] - height_b, b[2] - a[2] - height_a), 0.0)
+    return math.sqrt(across * across + up * up)
+
+
+@kernel
+def _bucket(column: int, row: int, mask: int) -> int:
+    return (column * 73856093 ^ row * 19349663) & mask
+
+
+@kernel
+def census(
+    order: Ints, shape: Floats, airframe: Ints, position: Floats, travelled: float
+) -> tuple[NDArray[np.int64], Floats]:
+    """All pairs nearer than `NEAR_M`: rows (k, 2) and until when neither needs a look (k,), both in the order of
+    ids.
+    """
+    n = order.shape[0]
+    widest = 0.0
+    for f in range(shape.shape[0]):
+        widest = max(widest, shape[f, _RADIUS])
+    side = NEAR_M + 2.0 * widest
+    size = 1
+    while size < 2 * n:
+        size *= 2
+    head = np.full(size, -1, dtype=np.int64)
+    follow = np.full(n, -1, dtype=np.int64)
+    cell = np.empty((n, 2), dtype=np.int64)
+    for k in range(n - 1, -1, -1):  # the last first, so that a chain goes up in order
+        i = order[k]
+        cell[k, 0], cell[k, 1] = math.floor(position[i, 0] / side), math.floor(position[i, 1] / side)
+        bucket = _bucket(cell[k, 0], cell[k, 1], size - 1)
+        follow[k] = head[bucket]
+        head[bucket] = k
+    pairs = np.empty((4 * n, 2), dtype=np.int64)
+    until = np.empty(4 * n)
+    count = 0
+    for k in range(n):
+        i = order[k]
+        begin = count
+        for column in range(cell[k, 0] - 1, cell[k, 0] + 2):
+            for row in range(cell[k, 1] - 1, cell[k, 1] + 2):
+                other = head[_bucket(column, row, size - 1)]
+                while other >= 0:
+                    if other > k and cell[other, 0] == column and cell[other, 1] == row:
+                        j = order[other]
+                        a, b = shape[airframe[i]], shape[airframe[j]]
+                        gap = _gap(position[i], position[j], a[_RADIUS] + b[_RADIUS], a[_HEIGHT], b[_HEIGHT])
+                        if gap < NEAR_M:
+                            if count == pairs.shape[0]:
+                                pairs = np.concatenate((pairs, np.empty_like(pairs)))
+                                until = np.concatenate((until, np.empty_like(until)))
+                            place = count  # insertion by id: cells come in the order of space
+                            while place > begin and pairs[place - 1, 1] > other:
+                                pairs[place, 1], until[place] = pairs[place - 1, 1], until[place - 1]
+                                place -= 1
+                            pairs[place, 1], until[place] = other, travelled + 0.5 * gap
+                            count += 1
+                    other = follow[other]
+        for place in range(begin, count):
+            pairs[place, 0] = i
+            pairs[place, 1] = order[pairs[place, 1]]
+    return pairs[:count].copy(), until[:count].copy()
+
+
+@kernel
+def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A local vector seen from the body."""
+    w, a, b, c = q[0], -q[1], -q[2], -q[3]
+    tx, ty, tz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    return x + w * tx + b * tz - c * ty, y + w * ty + c * tx - a * tz, z + w * tz + a * ty - b * tx
+
+
+@kernel
+def _at(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
+    """Of one body at a point `r` from its centre of gravity: speed along `n`, and how it yields to an impulse along
+    it.
+    """
+    velocity, attitude, rates, p = state.velocity[i], state.attitude[i], state.rates[i], state.shape[state.airframe[i]]
+    nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
+    rx, ry, rz = _into_body(attitude, r[0], r[1], r[2])
+    tx, ty, tz = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
+    speed = velocity[0] * n[0] + velocity[1] * n[1] + velocity[2] * n[2]
+    speed += rates[0] * tx + rates[1] * ty + rates[2] * tz
+    return speed, 1.0 / p[_MASS] + tx * tx * p[_PER_JX] + ty * ty * p[_PER_JY] + tz * tz * p[_PER_JZ]
+
+
+@kernel
+def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
+    """Give one body an impulse along `n` at a point `r` from its centre of gravity; its accelerometer feels it."""
+    attitude, p = state.attitude[i], state.shape[state.airframe[i]]
+    nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
+    rx, ry, rz = _into_body(attitude, r[0], r[1], r[2])
+    change = impulse / p[_MASS]
+    for axis in range(3):
+        state.velocity[i, axis] += change * n[axis]
+    spun = (
+        impulse * (ry * nz - rz * ny) * p[_PER_JX],
+        impulse * (rz * nx - rx * nz) * p[_PER_JY],
+        impulse * (rx * ny - ry * nx) * p[_PER_JZ],
+    )
+    for axis in range(3):
+        state.rates[i, axis] = min(max(state.rates[i, axis] + spun[axis], -MOST_RADPS), MOST_RADPS)
+    state.accel[i, 0] += change * nx / step_s
+    state.accel[i, 1] += change * ny / step_s
+    state.accel[i, 2] += change * nz / step_s
+
+
+@kernel
+def _lose(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
+    """Take the motors that a contact breaks: `n` points away from it, the rest says where the other's disc is."""
+    p = state.shape[state.airframe[i]]
+    fx, fy, _ = _into_body(state.attitude[i], -n[0], -n[1], 0.0)
+    ox, oy, _ = _into_body(state.attitude[i], east_m - state.position[i, 0], north_m - state.position[i, 1], 0.0)
+    nearest, best = 0, -math.inf
+    for m in range(MOTORS):
+        x, y = p[_ROTORS + 2 * m], p[_ROTORS + 2 * m + 1]
+        share = (x * fx + y * fy) / math.sqrt(x * x + y * y)
+        if share > best:
+            nearest, best = m, share
+    for m in range(MOTORS):
+        x, y = p[_ROTORS + 2 * m], p[_ROTORS + 2 * m + 1]
+        if n[2] == 0.0:
+            lost = m == nearest or x * fx + y * fy >= _SIDE_COS * math.sqrt(x * x + y * y)
+        else:
+            away = reach_m + p[_PROPELLER]
+            lost = n[2] < 0.0 and (x - ox) * (x - ox) + (y - oy) * (y - oy) < away * away
+        if lost or change > WRECK_MPS:
+            state.alive[i, m] = 0
+            state.limit[i, m] = 0.0
+            state.rotor_radps[i, m] = 0.0
+
+
+@kernel
+def _when(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float) -> tuple[float, bool]:
+    """When in 0…1 one cylinder first overlaps another it moves past, `d0` to `d1` from it (2 if not), and if
+    sideways.
+    """
+    vx, vy, vz = d1[0] - d0[0], d1[1] - d0[1], d1[2] - d0[2]
+    # in the plane: |d0 + v·t| < radii
+    a = vx * vx + vy * vy
+    b = d0[0] * vx + d0[1] * vy
+    c = d0[0] * d0[0] + d0[1] * d0[1] - radii * radii
+    side_in, side_out = -math.inf, math.inf
+    if a > 0.0:
+        root = b * b - a * c
+        if root <= 0.0:
+            return 2.0, False
+        root = math.sqrt(root)
+        side_in, side_out = (-b - root) / a, (-b + root) / a
+    elif c >= 0.0:
+        return 2.0, False
+    # upwards: -height_a < d0 + v·t < height_b
+    up_in, up_out = -math.inf, math.inf
+    if vz != 0.0:
+        one, two = (-height_a - d0[2]) / vz, (height_b - d0[2]) / vz
+        up_in, up_out = min(one, two), max(one, two)
+    elif d0[2] <= -height_a or d0[2] >= height_b:
+        return 2.0, False
+    begin = max(side_in, up_in)
+    if begin > 1.0 or min(side_out, up_out) <= max(begin, 0.0):
+        return 2.0, False
+    if begin >= 0.0:
+        return begin, side_in >= up_in
+    # overlapping from the start: the shallower way out is the side it came from
+    across = radii - math.sqrt(d0[0] * d0[0] + d0[1] * d0[1])
+    return 0.0, across <= min(d0[2] + height_a, height_b - d0[2])
+
+
+@kernel
+def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+    """Let two aircraft collide if their ways crossed: how far one was pushed, and whether they did."""
+    a, b = state.shape[state.airframe[i]], state.shape[state.airframe[j]]
+    radii = a[_RADIUS] + b[_RADIUS]
+    d0, d1 = np.empty(3), np.empty(3)
+    for axis in range(3):
+        d0[axis] = state.before[i, axis] - state.before[j, axis]
+        d1[axis] = state.position[i, axis] - state.position[j, axis]
+    when, sideways = _when(d0, d1, radii, a[_HEIGHT], b[_HEIGHT])
+    if when > 1.0:
+        return 0.0, False
+    n = np.zeros(3)
+    d = d0 + when * (d1 - d0)
+    across = math.sqrt(d[0] * d[0] + d[1] * d[1])
+    if sideways and across > 0.0:
+        n[0], n[1] = d[0] / across, d[1] / across
+        apart = radii - across
+    else:
+        n[2] = 1.0 if d[2] + a[_HEIGHT] > b[_HEIGHT] - d[2] else -1.0
+        apart = b[_HEIGHT] - d[2] if n[2] > 0.0 else d[2] + a[_HEIGHT]
+    share = b[_MASS] / (a[_MASS] + b[_MASS])
+    apart = max(apart, 0.0)
+    pa, pb = np.empty(3), np.empty(3)
+    for axis in range(3):
+        p, q = state.before[i, axis], state.before[j, axis]
+        pa[axis] = p + when * (state.position[i, axis] - p) + n[axis] * apart * share
+        pb[axis] = q + when * (state.position[j, axis] - q) - n[axis] * apart * (1.0 - share)
+    # the point of contact: between the two centres as their sizes are, in the middle of what overlaps
+    low, high = max(pa[2], pb[2]), min(pa[2] + a[_HEIGHT], pb[2] + b[_HEIGHT])
+    weight = b[_RADIUS] / radii
+    point = np.array([pb[0] + weight * (pa[0] - pb[0]), pb[1] + weight * (pa[1] - pb[1]), 0.5 * (low + high)])
+    ra = np.array([point[0] - pa[0], point[1] - pa[1], point[2] - pa[2] - a[_CG]])
+    rb = np.array([point[0] - pb[0], point[1] - pb[1], point[2] - pb[2] - b[_CG]])
+    speed_a, yield_a = _at(i, state, ra, n)
+    speed_b, yield_b = _at(j, state, rb, n)
+    closing = speed_b - speed_a
+    if closing <= 0.0:  # parting already
+        return 0.0, False
+    for axis in range(3):  # the rest of the tick is lost to both: it ends where they met
+        state.position[i, axis], state.position[j, axis] = pa[axis], pb[axis]
+    relative = 0.0
+    for axis in range(3):
+        relative += (state.velocity[i, axis] - state.velocity[j, axis]) ** 2
+    bounce = RESTITUTION if closing > _GENTLE_MPS else 0.0
+    impulse = (1.0 + bounce) * closing / (yield_a + yield_b)
+    _push(i, state, ra, n, impulse, step_s)
+    _push(j, state, rb, n, -impulse, step_s)
+    hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), GENTLE
+    if closing <= _GENTLE_MPS:
+        return apart, True
+    _lose(i, state, n, pb[0], pb[1], b[_RADIUS], impulse / a[_MASS])
+    _lose(j, state, -n, pa[0], pa[1], a[_RADIUS], impulse / b[_MASS])
+    reduced = a[_MASS] * b[_MASS] / (a[_MASS] + b[_MASS])
+    hit[ENERGY] = 0.5 * reduced * relative
+    hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
+    return apart, True
+
+
+@kernel
+def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+    """Let one aircraft collide with the first building its way meets: as `_meet`."""
+    p = state.shape[state.airframe[i]]
+    radius, height = p[_RADIUS], p[_HEIGHT]
+    start, move = state.before[i].copy(), state.position[i] - state.before[i]
+    long = math.sqrt(move[0] * move[0] + move[1] * move[1] + move[2] * move[2])
+    looks = max(math.ceil(2.0 * long / radius), 1)
+    for look in range(1, looks + 1):
+        q = start + move * (look / looks)
+        cell = cell_at(walls, q[0], q[1])
+        if cell < 0:
+            continue
+        for k in range(walls.cells[cell], walls.cells[cell + 1]):
+            b = walls.near[k]
+            base, top = walls.box[b, 4], walls.box[b, 5]
+            if q[2] >= top - _ON_ROOF_M or q[2] + height <= base or outside(walls, b, q[0], q[1]) >= radius:
+                continue
+            inside, away, near_e, near_n = footprint(walls, b, q[0], q[1])
+            if not inside and away >= radius:
+                continue
+            # out by the shortest way
+            n = np.zeros(3)
+            depth = radius + away if inside else radius - away
+            lift, drop = top - q[2], q[2] + height - base
+            if lift < depth and lift <= drop:
+                n[2], depth = 1.0, lift
+            elif drop < depth and base > 0.0:
+                n[2], depth = -1.0, drop
+            elif away > 0.0:
+                sign = -1.0 if inside else 1.0
+                n[0], n[1] = sign * (q[0] - near_e) / away, sign * (q[1] - near_n) / away
+            else:
+                n[2], depth = 1.0, lift
+            for axis in range(3):
+                state.position[i, axis] = q[axis] + n[axis] * depth
+            place = state.position[i]
+            point = np.array([near_e, near_n, min(max(place[2] + p[_CG], base), top)])
+            if n[2] < 0.0 or (inside and n[2] > 0.0):
+                point[0], point[1] = place[0], place[1]
+            if n[2] != 0.0:
+                point[2] = top if n[2] > 0.0 else base
+            r = np.array([point[0] - place[0], point[1] - place[1], point[2] - place[2] - p[_CG]])
+            speed, yields = _at(i, state, r, n)
+            if speed >= 0.0:
+                return depth, False
+            v = state.velocity[i]
+            total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+            impulse = -(1.0 + (RESTITUTION if speed < -_GENTLE_MPS else 0.0)) * speed / yields
+            _push(i, state, r, n, impulse, step_s)
+            hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), GENTLE
+            if speed >= -_GENTLE_MPS:
+                return depth, True
+            _lose(i, state, n, place[0], place[1], math.inf, impulse / p[_MASS])
+            hit[ENERGY] = 0.5 * p[_MASS] * total
+            hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
+            return depth, True
+    return 0.0, False
+
+
+@kernel
+def around(walls: Walls, place: Floats, radius: float, height: float) -> tuple[float, float]:
+    """The height of what is below a place, 0 for the ground, and how far an aircraft there can go before it changes.
+
+    "Changes": it touches a building, or leaves the roof below it, or comes over another one (known to `_EDGE_M`).
+    """
+    floor, free = 0.0, MARGIN_M - radius
+    cell = cell_at(walls, place[0], place[1])
+    if cell < 0:
+        return floor, free
+    for k in range(walls.cells[cell], walls.cells[cell + 1]):
+        b = walls.near[k]
+        base, top = walls.box[b, 4], walls.box[b, 5]
+        if outside(walls, b, place[0], place[1]) - radius >= free:
+            continue
+        inside, away, _, _ = footprint(walls, b, place[0], place[1])
+        above = place[2] >= top - _ON_ROOF_M
+        if above:
+            free = min(free, max(away, _EDGE_M))
+        if inside and above:
+            floor = max(floor, top)
+            continue
+        up = max(max(place[2] - top, base - place[2] - height), 0.0)
+        across = 0.0 if inside else max(away - radius, 0.0)
+        free = min(free, math.sqrt(up * up + across * across))
+    return floor, free
+
+
+@kernel
+def stand(walls: Walls, position: Floats, shape: Floats, airframe: Ints, floor: Floats, wall_due: Floats) -> None:
+    """What is below each aircraft at the start (`floor`), and how far it may go (`wall_due`, -1 inside a building)."""
+    for i in range(position.shape[0]):
+        p = shape[airframe[i]]
+        floor[i], wall_due[i] = around(walls, position[i], p[_RADIUS], p[_HEIGHT])
+
+
+@kernel
+def touch(
+    travelled: float,
+    step_s: float,
+    pairs: Ints,
+    pair_due: Floats,
+    order: Ints,
+    walls: Walls,
+    wall_due: Floats,
+    state: Any,
+) -> tuple[Floats, float]:
+    """Look at all that is due and let collide what does: the hits (k, 7) in the order of ids, and the longest push.
+
+    `state` is a `Bodies`; `pair_due` and `wall_due` are set anew for what was looked at.
+    """
+    hits = np.empty((2 * pairs.shape[0] + wall_due.shape[0], 7))
+    count = 0
+    longest = 0.0
+    for k in range(pairs.shape[0]):
+        if travelled <= pair_due[k]:
+            continue
+        i, j = pairs[k, 0], pairs[k, 1]
+        push, met = _meet(i, j, state, step_s, hits[count])
+        longest = max(longest, push)
+        if met:
+            hits[count + 1] = hits[count]
+            hits[count + 1, WHO], hits[count + 1, WITH] = j, i
+            count += 2
+        a, b = state.shape[state.airframe[i]], state.shape[state.airframe[j]]
+        gap = _gap(state.position[i], state.position[j], a[_RADIUS] + b[_RADIUS], a[_HEIGHT], b[_HEIGHT])
+        pair_due[k] = travelled + 0.5 * gap
+    if wall_due.shape[0] > 0:
+        for k in range(order.shape[0]):
+            i = order[k]
+            if travelled <= wall_due[i]:
+                continue
+            push, met = _strike(i, walls, state, step_s, hits[count])
+            longest = max(longest, push)
+            if met:
+                count += 1
+            p = state.shape[state.airframe[i]]
+            state.floor[i], free = around(walls, state.position[i], p[_RADIUS], p[_HEIGHT])
+            wall_due[i] = travelled + free
+    return hits[:count].copy(), longest

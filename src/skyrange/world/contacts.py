@@ -1,0 +1,94 @@
+"""Which collisions are news? Keeps the bounds that tell when to look, and makes one event of one contact.
+
+Two that touch, let go and touch again within a second are in one contact, and so is an aircraft that hits several
+buildings in a second: it is noted once, with the first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from skyrange.agent.messages import Note
+from skyrange.city.walls import NO_WALLS
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.world import collisions
+from skyrange.world.collisions import ENERGY, GENTLE, NEAR_M, SPEED, WHO, WITH, Bodies, Floats
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
+
+APART_NS = NS_PER_S
+"""Without a touch for so long, a contact is over."""
+_NO_NOTES: tuple[Note, ...] = ()
+_WALL = -1
+
+
+class Contacts:
+    """Of one world: `begin` with the first state, then `look` after every tick. Deep copies go on alike."""
+
+    def __init__(self, vehicles: Sequence[str], city: City | None) -> None:
+        self._vehicles = vehicles
+        self._city = city
+        self._order = np.array(sorted(range(len(vehicles)), key=vehicles.__getitem__), dtype=np.int64)
+        self._pairs = np.empty((0, 2), dtype=np.int64)
+        self._pair_due = np.empty(0)
+        self._wall_due = np.empty(0 if city is None else len(vehicles))
+        self._travelled = 0.0
+        self._census_due = -1.0 if len(vehicles) > 1 else math.inf
+        self._idle = city is None and len(vehicles) == 1
+        self._touched: dict[tuple[int, int], Time] = {}
+
+    def begin(self, bodies: Bodies) -> None:
+        """Find what is below each aircraft and how far the walls are."""
+        if self._city is not None:
+            walls = self._city.walls()
+            collisions.stand(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
+
+    def look(self, now: Time, step_s: float, stride2_m2: float, bodies: Bodies) -> Sequence[Note]:
+        """Let collide what met in the tick that ended; `stride2_m2` is the square of the longest way any went."""
+        if self._idle:
+            return _NO_NOTES
+        travelled = self._travelled + math.sqrt(stride2_m2)
+        if travelled > self._census_due:
+            # as it was before the tick: whoever is not on the list could not meet in it
+            self._pairs, self._pair_due = collisions.census(
+                self._order, bodies.shape, bodies.airframe, bodies.before, self._travelled
+            )
+            self._census_due = self._travelled + 0.5 * NEAR_M
+        self._travelled = travelled
+        if not collisions.due(travelled, self._pair_due, self._wall_due):
+            return _NO_NOTES
+        walls = NO_WALLS if self._city is None else self._city.walls()
+        hits, push = collisions.touch(
+            travelled, step_s, self._pairs, self._pair_due, self._order, walls, self._wall_due, bodies
+        )
+        self._travelled += push
+        return self._news(now, hits) if len(hits) else _NO_NOTES
+
+    def _news(self, now: Time, hits: Floats) -> Sequence[Note]:
+        """Notes of the hits that begin a contact."""
+        notes = []
+        for hit in hits.tolist():
+            who, other = int(hit[WHO]), int(hit[WITH])
+            key = (who, other if other >= 0 else _WALL)
+            last = self._touched.get(key)
+            goes_on = last is not None and now - last <= APART_NS
+            gentle = hit[ENERGY] == GENTLE
+            if goes_on or not gentle:
+                self._touched[key] = now
+            if goes_on or gentle:
+                continue
+            data = {
+                "with": self._vehicles[other] if other >= 0 else f"building:{-1 - other}",
+                "speed_mps": hit[SPEED],
+                "east_m": hit[collisions.EAST],
+                "north_m": hit[collisions.NORTH],
+                "up_m": hit[collisions.UP],
+                "energy_j": hit[ENERGY],
+            }
+            notes.append(Note("event.collision", self._vehicles[who], data))
+        return notes

@@ -1,0 +1,309 @@
+"""What do an aircraft's sensors read of its true state? Noise, bias, wander, delay and gaps, one kernel over all rows.
+
+Every number with its source. [S] is ArduPilot's simulator (libraries/SITL), [U] u-blox's data sheet of the SAM-M10Q
+(UBX-22013293), [P] PX4's Gazebo plugins (PX4-SITL_gazebo-classic, src/gazebo_gps_plugin.cpp).
+
+Chance is addressed by vehicle, sensor and the sensor's own sampling instant. A normal deviate is the sum of three
+12-bit uniforms: mean 0 and variance 1 exactly, no value beyond three standard deviations (ArduPilot's own simulator
+takes a single uniform). The noise of the inertial sensors is drawn every 10 ms and held between, which is white to a
+filter of 100 Hz; drawing it at 400 Hz would cost four times as much and be averaged away.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.chance import philox, uniform4
+from skyrange.core.compiled import kernel
+from skyrange.core.ids import hash64
+from skyrange.core.time import NS_PER_MS, NS_PER_S
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Words = NDArray[np.uint64]
+
+# inertial: [S] SIM_Aircraft.cpp `add_noise` (0.1 deg/s and 0.3 m/s² at full throttle) above the quantisation floor of
+# AP_InertialSensor_SITL.cpp (0.04 deg/s, 0.01 m/s²)
+IMU_PERIOD_NS: Final = 10 * NS_PER_MS
+GYRO_FLOOR_RADPS: Final = math.radians(0.04)
+GYRO_MOTORS_RADPS: Final = math.radians(0.1)
+ACCEL_FLOOR_MPS2: Final = 0.01
+ACCEL_MOTORS_MPS2: Final = 0.3
+# what calibration leaves: of a gyroscope after ArduPilot's at boot, which stops at 0.1 deg/s of change
+# (AP_InertialSensor.cpp `_init_gyro`); of an accelerometer 5 mg of the 20 mg of an ICM-42688-P
+GYRO_BIAS_RADPS: Final = math.radians(0.05)
+ACCEL_BIAS_MPS2: Final = 0.05
+
+# GNSS: rate [S] SIM_GPS1_HZ 5 and GPS_RATE_MS 200; delay AP_GPS_UBLOX.cpp `get_lag` 0.12 s (M8 and later)
+GNSS_PERIOD_NS: Final = 200 * NS_PER_MS
+GNSS_LAG_NS: Final = 120 * NS_PER_MS
+GNSS_WANDER_M: Final = 1.5 / 1.1774
+"""Per horizontal axis: [U] 1.5 m circular error probable, which is 1.1774 standard deviations of one axis."""
+GNSS_WANDER_UP_M: Final = 1.5 * GNSS_WANDER_M
+"""Vertical over horizontal as EKF3 assumes it (AP_NavEKF3_Measurements.cpp, 1.5 times the horizontal noise)."""
+GNSS_WANDER_S: Final = 60.0
+"""Correlation time: [P] gps_correlation_time."""
+GNSS_WHITE_M: Final = 0.05
+GNSS_SPEED_MPS: Final = 0.05
+"""[U] velocity accuracy, 50 % at 30 m/s; the white part of position is what that leaves between two fixes."""
+GNSS_ACCURACY: Final = (1.5, 2.5, 0.2)
+"""What the receiver claims: horizontal m, vertical m, speed m/s; the size that u-blox receivers claim in the open."""
+GNSS_SATELLITES: Final = 10
+"""[S] SIM_GPS1_NUMSATS."""
+OUTAGE_BIN_NS: Final = 10 * NS_PER_S
+OUTAGE_CHANCE: Final = 0.005
+OUTAGE_MIN_S: Final = 0.4
+OUTAGE_MAX_S: Final = 3.0
+"""A loss of the fix about every half hour, for up to 3 s. An assumption: no data sheet gives it."""
+FIX_NONE: Final = 1
+FIX_3D: Final = 3
+FIX_RTK: Final = 6
+
+# barometer: ArduCopter reads it at 10 Hz (Copter.cpp, update_altitude); noise [S] SIM_BARO_RND 0.2, which is the
+# half-width of a uniform; drift of the weather, a few metres an hour, nothing at the start (calibrated at boot)
+BARO_PERIOD_NS: Final = 100 * NS_PER_MS
+BARO_NOISE_M: Final = 0.2 / math.sqrt(3.0)
+BARO_DRIFT_M: Final = 1.0
+BARO_DRIFT_S: Final = 1800.0
+
+# compass: read at 10 Hz (Copter.cpp, update_batt_compass); noise 3 mgauss as an LIS3MDL's (data sheet, table 3:
+# 3.2 to 4.1 mgauss); what calibration leaves of hard iron, 5 mgauss, is about 1 degree of heading
+COMPASS_PERIOD_NS: Final = 100 * NS_PER_MS
+COMPASS_NOISE_GAUSS: Final = 0.003
+COMPASS_OFFSET_GAUSS: Final = 0.005
+
+# rangefinder: LightWare SF11/C, 20 Hz, 0.1 m at most (data sheet): three standard deviations
+RANGE_PERIOD_NS: Final = 50 * NS_PER_MS
+RANGE_NOISE_M: Final = 0.033
+
+_S_IMU: Final = np.uint64(hash64("sensor.imu"))
+_S_GNSS: Final = np.uint64(hash64("sensor.gnss"))
+_S_OUTAGE: Final = np.uint64(hash64("sensor.gnss_outage"))
+_S_BARO: Final = np.uint64(hash64("sensor.baro"))
+_S_COMPASS: Final = np.uint64(hash64("sensor.compass"))
+_S_RANGE: Final = np.uint64(hash64("sensor.rangefinder"))
+_S_START: Final = np.uint64(hash64("sensor.start"))
+_0: Final = np.uint64(0)
+_12: Final = np.uint64(12)
+_FIELD: Final = np.uint64(0xFFF)
+_MEAN: Final = 6142.5  # of three fields, each 0 … 4095
+_SPREAD: Final = 2048.0  # their standard deviation, to a part in 10⁷
+
+_GNSS_KEEP = math.exp(-GNSS_PERIOD_NS / NS_PER_S / GNSS_WANDER_S)
+_GNSS_STIR = math.sqrt(1.0 - _GNSS_KEEP * _GNSS_KEEP)
+_BARO_KEEP = math.exp(-BARO_PERIOD_NS / NS_PER_S / BARO_DRIFT_S)
+_BARO_STIR = math.sqrt(1.0 - _BARO_KEEP * _BARO_KEEP)
+_ACCURACY_H, _ACCURACY_V, _ACCURACY_S = GNSS_ACCURACY
+
+GNSS, BARO, COMPASS, RANGE = 0, 1, 2, 3
+"""Columns of `epoch` and `phase`."""
+PERIODS: Final = (GNSS_PERIOD_NS, BARO_PERIOD_NS, COMPASS_PERIOD_NS, RANGE_PERIOD_NS)
+
+
+@kernel
+def normal6(
+    seed: np.uint64, stream: np.uint64, who: np.uint64, when: int, k: np.uint64
+) -> tuple[float, float, float, float, float, float]:
+    """Six independent deviates, mean 0 and variance 1, of one address (see the module)."""
+    a, b, c, d = philox(seed, stream, who, np.uint64(when), k, _0)
+    total0 = np.int64(a & _FIELD) + np.int64((a >> _12) & _FIELD) + np.int64((a >> np.uint64(24)) & _FIELD)
+    total1 = np.int64(b & _FIELD) + np.int64((b >> _12) & _FIELD) + np.int64((b >> np.uint64(24)) & _FIELD)
+    total2 = np.int64(c & _FIELD) + np.int64((c >> _12) & _FIELD) + np.int64((c >> np.uint64(24)) & _FIELD)
+    total3 = np.int64(d & _FIELD) + np.int64((d >> _12) & _FIELD) + np.int64((d >> np.uint64(24)) & _FIELD)
+    total4 = np.int64((a >> np.uint64(36)) & _FIELD) + np.int64(a >> np.uint64(52)) + np.int64(b >> np.uint64(52))
+    total5 = np.int64((c >> np.uint64(36)) & _FIELD) + np.int64(c >> np.uint64(52)) + np.int64(d >> np.uint64(52))
+    return (
+        (total0 - _MEAN) / _SPREAD,
+        (total1 - _MEAN) / _SPREAD,
+        (total2 - _MEAN) / _SPREAD,
+        (total3 - _MEAN) / _SPREAD,
+        (total4 - _MEAN) / _SPREAD,
+        (total5 - _MEAN) / _SPREAD,
+    )
+
+
+@kernel
+def see_field(attitude: Floats, field: Floats, out: Floats) -> None:
+    """The Earth's field (east, north, up) in the body of one aircraft."""
+    w, x, y, z = attitude[0], attitude[1], attitude[2], attitude[3]
+    e, n, u = field[0], field[1], field[2]
+    out[0] = (1 - 2 * (y * y + z * z)) * e + 2 * (x * y + w * z) * n + 2 * (x * z - w * y) * u
+    out[1] = 2 * (x * y - w * z) * e + (1 - 2 * (x * x + z * z)) * n + 2 * (y * z + w * x) * u
+    out[2] = 2 * (x * z + w * y) * e + 2 * (y * z - w * x) * n + (1 - 2 * (x * x + y * y)) * u
+
+
+@kernel
+def read_ideal(now: int, attitude: Floats, field: Floats, compass: Floats, gnss_time: Ints) -> None:
+    """The two readings that are no copy of the state, for ideal sensors: field and time of the fix."""
+    for i in range(attitude.shape[0]):
+        see_field(attitude[i], field, compass[i])
+        gnss_time[i] = now
+
+
+@kernel
+def in_outage(seed: np.uint64, who: np.uint64, at: int, level: float) -> bool:
+    """Whether a receiver has no fix at a moment: at most one gap in a bin, by chance of the bin."""
+    start = at // OUTAGE_BIN_NS * OUTAGE_BIN_NS
+    u = uniform4(seed, _S_OUTAGE, who, np.uint64(start), _0)
+    if u[0] >= OUTAGE_CHANCE * level:
+        return False
+    length = (OUTAGE_MIN_S + (OUTAGE_MAX_S - OUTAGE_MIN_S) * u[1]) * NS_PER_S
+    begin = u[2] * (OUTAGE_BIN_NS - length)
+    return begin <= at - start < begin + length
+
+
+@kernel
+def start(
+    now: int,
+    level: float,
+    seed: np.uint64,
+    who: Words,
+    position: Floats,
+    bias: Floats,
+    wander: Floats,
+    offset: Floats,
+    phase: Ints,
+    epoch: Ints,
+    pending: Floats,
+    pending_time: Ints,
+    gnss_enu_m: Floats,
+    gnss_vel: Floats,
+    accuracy: Floats,
+    fix: Ints,
+    satellites: Ints,
+    gnss_time: Ints,
+) -> None:
+    """Switch all sensors on: draw biases and phases, and let each receiver have had its first fix, standing."""
+    for i in range(who.shape[0]):
+        g = normal6(seed, _S_START, who[i], 0, np.uint64(0))
+        m = normal6(seed, _S_START, who[i], 0, np.uint64(1))
+        w = normal6(seed, _S_START, who[i], 0, np.uint64(2))
+        u = uniform4(seed, _S_START, who[i], np.uint64(0), np.uint64(3))
+        for axis in range(3):
+            bias[i, axis] = level * GYRO_BIAS_RADPS * g[axis]
+            bias[i, 3 + axis] = level * ACCEL_BIAS_MPS2 * g[3 + axis]
+            offset[i, axis] = level * COMPASS_OFFSET_GAUSS * m[axis]
+        wander[i, 0] = level * GNSS_WANDER_M * w[0]
+        wander[i, 1] = level * GNSS_WANDER_M * w[1]
+        wander[i, 2] = level * GNSS_WANDER_UP_M * w[2]
+        wander[i, 3] = 0.0  # the barometer was calibrated here
+        for k in range(4):
+            period = PERIODS[k]
+            phase[i, k] = np.int64(u[k] * period) // IMU_PERIOD_NS * IMU_PERIOD_NS
+            epoch[i, k] = (now - phase[i, k]) // period - (0 if k == GNSS else 1)  # all but GNSS are read at once
+        for axis in range(3):
+            gnss_enu_m[i, axis] = position[i, axis] + wander[i, axis]
+            gnss_vel[i, axis] = 0.0
+            pending[i, axis] = gnss_enu_m[i, axis]
+            pending[i, 3 + axis] = 0.0
+        gnss_time[i] = now - GNSS_LAG_NS
+        pending_time[i] = gnss_time[i]
+        accuracy[i, 0], accuracy[i, 1], accuracy[i, 2] = _ACCURACY_H, _ACCURACY_V, _ACCURACY_S
+        fix[i] = FIX_3D
+        satellites[i] = GNSS_SATELLITES
+
+
+@kernel
+def read_inertial(rates: Floats, accel: Floats, error: Floats, gyro: Floats, force: Floats) -> None:
+    """Gyroscopes and accelerometers of all rows: truth, and the error held since it was last drawn (rows, 6)."""
+    for i in range(rates.shape[0]):
+        for axis in range(3):
+            gyro[i, axis] = rates[i, axis] + error[i, axis]
+            force[i, axis] = accel[i, axis] + error[i, 3 + axis]
+
+
+@kernel
+def draw(
+    now: int,
+    level: float,
+    seed: np.uint64,
+    who: Words,
+    commands: Floats,
+    position: Floats,
+    height: Floats,
+    velocity: Floats,
+    attitude: Floats,
+    field: Floats,
+    bias: Floats,
+    error: Floats,
+    wander: Floats,
+    offset: Floats,
+    phase: Ints,
+    epoch: Ints,
+    pending: Floats,
+    pending_time: Ints,
+    gnss_enu_m: Floats,
+    gnss_vel: Floats,
+    accuracy: Floats,
+    fix: Ints,
+    satellites: Ints,
+    gnss_time: Ints,
+    baro: Floats,
+    rangefinder: Floats,
+    compass: Floats,
+) -> None:
+    """What happens every 10 ms: new inertial noise, and the slow sensors that are due at `now`.
+
+    `wander` (rows, 4) holds the position error of GNSS and the barometer's drift, `phase` and `epoch` (rows, 4)
+    when each slow sensor samples and which sample was its last, `pending` (rows, 6) the fix on its way out.
+    """
+    for i in range(who.shape[0]):
+        throttle = 0.0
+        for m in range(commands.shape[1]):
+            if commands[i, m] > 0.0:  # a NaN turns no motor
+                throttle += min(commands[i, m], 1.0)
+        throttle /= commands.shape[1]
+        z = normal6(seed, _S_IMU, who[i], now, _0)
+        gyro_sd = level * (GYRO_FLOOR_RADPS + GYRO_MOTORS_RADPS * throttle)
+        accel_sd = level * (ACCEL_FLOOR_MPS2 + ACCEL_MOTORS_MPS2 * throttle)
+        for axis in range(3):
+            error[i, axis] = bias[i, axis] + gyro_sd * z[axis]
+            error[i, 3 + axis] = bias[i, 3 + axis] + accel_sd * z[3 + axis]
+
+        count = (now - phase[i, GNSS]) // GNSS_PERIOD_NS
+        if count != epoch[i, GNSS]:
+            epoch[i, GNSS] = count
+            at = count * GNSS_PERIOD_NS + phase[i, GNSS]
+            w = normal6(seed, _S_GNSS, who[i], at, _0)
+            v = normal6(seed, _S_GNSS, who[i], at, np.uint64(1))
+            for axis in range(3):
+                size = level * (GNSS_WANDER_UP_M if axis == 2 else GNSS_WANDER_M)
+                wander[i, axis] = _GNSS_KEEP * wander[i, axis] + _GNSS_STIR * size * w[axis]
+                pending[i, axis] = position[i, axis] + wander[i, axis] + level * GNSS_WHITE_M * w[3 + axis]
+                pending[i, 3 + axis] = velocity[i, axis] + level * GNSS_SPEED_MPS * v[axis]
+            pending_time[i] = now
+        if pending_time[i] != gnss_time[i] and now >= pending_time[i] + GNSS_LAG_NS:
+            if in_outage(seed, who[i], pending_time[i], level):
+                pending_time[i] = gnss_time[i]
+                fix[i] = FIX_NONE
+                satellites[i] = 3
+            else:
+                gnss_time[i] = pending_time[i]
+                for axis in range(3):
+                    gnss_enu_m[i, axis] = pending[i, axis]
+                    gnss_vel[i, axis] = pending[i, 3 + axis]
+                fix[i] = FIX_3D
+                satellites[i] = GNSS_SATELLITES
+
+        count = (now - phase[i, BARO]) // BARO_PERIOD_NS
+        if count != epoch[i, BARO]:
+            epoch[i, BARO] = count
+            b = normal6(seed, _S_BARO, who[i], count * BARO_PERIOD_NS + phase[i, BARO], _0)
+            wander[i, 3] = _BARO_KEEP * wander[i, 3] + _BARO_STIR * level * BARO_DRIFT_M * b[0]
+            baro[i] = position[i, 2] + wander[i, 3] + level * BARO_NOISE_M * b[1]
+        count = (now - phase[i, COMPASS]) // COMPASS_PERIOD_NS
+        if count != epoch[i, COMPASS]:
+            epoch[i, COMPASS] = count
+            c = normal6(seed, _S_COMPASS, who[i], count * COMPASS_PERIOD_NS + phase[i, COMPASS], _0)
+            see_field(attitude[i], field, compass[i])
+            for axis in range(3):
+                compass[i, axis] += offset[i, axis] + level * COMPASS_NOISE_GAUSS * c[axis]
+        count = (now - phase[i, RANGE]) // RANGE_PERIOD_NS
+        if count != epoch[i, RANGE]:
+            epoch[i, RANGE] = count
+            r = normal6(seed, _S_RANGE, who[i], count * RANGE_PERIOD_NS + phase[i, RANGE], _0)
+            rangefinder[i] = max(height[i] + level * RANGE_NOISE_M * r[0], 0.0)

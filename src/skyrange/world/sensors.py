@@ -1,0 +1,139 @@
+"""Which sensors do the aircraft carry, how good are they, and what do they say now?
+
+A sensor is a physical thing on the body, so it belongs to the world: it samples the true state at its own instants,
+and what it says stands until it says something new. `SensorSpec` is what a scenario asks for; `Sensing` holds the
+sensors of all aircraft of a world. Declared sensor faults come after it, in the kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Floats, Sensors
+from skyrange.core.chance import Chance
+from skyrange.core.ids import hash64
+from skyrange.core.time import Time
+from skyrange.world import sensor_models
+from skyrange.world.magnetism import Field
+
+_NO_CHANCE = Chance(0)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSpec:
+    """How good the sensors are, and where on Earth they are.
+
+    `noise` multiplies every error of `sensor_models`: 1 is a usual small aircraft, 0 is ideal (every reading is the
+    truth of the tick, the fix has no delay and no gap). `field_enu_gauss` is the Earth's magnetic field there; where
+    it is zero there is no compass.
+    """
+
+    noise: float = 0.0
+    field_enu_gauss: Field = (0.0, 0.0, 0.0)
+    chance: Chance = _NO_CHANCE
+
+
+IDEAL = SensorSpec()
+
+
+class Sensing:
+    """The sensors of a world's aircraft. Deep copies go on alike; an aircraft's readings depend on no other's."""
+
+    def __init__(
+        self,
+        spec: SensorSpec,
+        vehicles: Sequence[str],
+        state: tuple[Floats, ...],
+        commands: Floats,
+        power: tuple[Floats, Floats],
+    ) -> None:
+        """`state`: the world's own arrays of rates, specific force, attitude, position, velocity, height over ground.
+
+        `commands` (n, motors) and `power`, (n,) volts and (n,) amperes, are read too. None is written.
+        """
+        n = len(vehicles)
+        self._spec = spec
+        self._level = float(spec.noise)
+        self._seed = np.uint64(spec.chance.seed & 0xFFFFFFFFFFFFFFFF)
+        self._who = np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)
+        self._field = np.array(spec.field_enu_gauss, dtype=np.float64)
+        self._started = False
+        self._slot: int | None = None
+        self._compass, self._accuracy = np.zeros((n, 3)), np.zeros((n, 3))
+        self._fix: NDArray[np.int64] = np.full(n, sensor_models.FIX_RTK, dtype=np.int64)
+        self._satellites: NDArray[np.int64] = np.full(n, sensor_models.GNSS_SATELLITES, dtype=np.int64)
+        self._time: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
+        self._error, self._bias = np.zeros((n, 6)), np.zeros((n, 6))
+        self._gyro, self._force = np.zeros((n, 3)), np.zeros((n, 3))
+        self._gnss, self._gnss_vel = np.zeros((n, 3)), np.zeros((n, 3))
+        self._baro, self._range = np.zeros(n), np.zeros(n)
+        self._wander, self._offset = np.zeros((n, 4)), np.zeros((n, 3))
+        self._phase: NDArray[np.int64] = np.zeros((n, 4), dtype=np.int64)
+        self._epoch: NDArray[np.int64] = np.zeros((n, 4), dtype=np.int64)
+        self._pending, self._pending_time = np.zeros((n, 6)), np.zeros(n, dtype=np.int64)
+        if self._level == 0.0:
+            self._accuracy[:] = 0.01
+        self.bind(state, commands, power)
+
+    def bind(self, state: tuple[Floats, ...], commands: Floats, power: tuple[Floats, Floats]) -> None:
+        """Look at these arrays of the world from now on (a copied world has its own)."""
+        self._state = state
+        self._commands = commands
+        rates, force, attitude, position, velocity, height = state
+        if self._level == 0.0:
+            shown: list[NDArray[Any]] = [rates, force, attitude, position, velocity, position[:, 2], height]
+        else:
+            shown = [self._gyro, self._force, attitude, self._gnss, self._gnss_vel, self._baro, self._range]
+        shown += [self._compass, self._accuracy, self._fix, self._satellites, self._time, *power]
+        self._shown = tuple(_locked(array) for array in shown)
+        self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but what points into the world's arrays, which has to be bound again."""
+        state = self.__dict__.copy()
+        for key in ("_state", "_commands", "_shown", "_by_slice"):
+            del state[key]
+        return state
+
+    def sample(self, now: Time) -> None:
+        """Read everything that is due at `now`, of all aircraft; the first call switches the sensors on."""
+        rates, force, attitude, position, velocity, height = self._state
+        if self._level == 0.0:
+            sensor_models.read_ideal(now, attitude, self._field, self._compass, self._time)
+            return
+        fix = (self._gnss, self._gnss_vel, self._accuracy, self._fix, self._satellites, self._time)
+        drawn = (self._bias, self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time)
+        if not self._started:
+            self._started = True
+            sensor_models.start(now, self._level, self._seed, self._who, position, *drawn, *fix)
+        slot = now // sensor_models.IMU_PERIOD_NS
+        if slot != self._slot:
+            self._slot = slot
+            sensor_models.draw(
+                slot * sensor_models.IMU_PERIOD_NS, self._level, self._seed, self._who, self._commands, position,
+                height,
+                velocity, attitude, self._field, drawn[0], self._error, *drawn[1:], *fix, self._baro, self._range,
+                self._compass,
+            )  # fmt: skip
+        sensor_models.read_inertial(rates, force, self._error, self._gyro, self._force)
+
+    def read(self, rows: slice | NDArray[np.int64]) -> Sensors:
+        """What the sensors of some vehicles say: for a slice, read-only views that later ticks refill; else copies."""
+        if isinstance(rows, slice):
+            key = (rows.start, rows.stop, rows.step)
+            known = self._by_slice.get(key)
+            if known is None:
+                known = self._by_slice[key] = Sensors(*(array[rows] for array in self._shown))
+            return known
+        return Sensors(*(array[rows] for array in self._shown))
+
+
+def _locked(array: NDArray[Any]) -> NDArray[Any]:
+    view = array.view()
+    view.flags.writeable = False
+    return view

@@ -1,0 +1,36 @@
+"""What wind is asked for? A steady vector and how turbulent it is: the description, no compiler needed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from skyrange.core.errors import Fault
+
+MOST_MPS = 60.0
+"""Beyond any wind that has a multirotor in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wind:
+    """The air's motion, the same everywhere but for turbulence, which each aircraft meets on its own.
+
+    `turbulence_mps` is the mean wind 20 ft (6 m) above the ground that stirs it, W20 of MIL-F-8785C 3.7.3.4:
+    7.7 m/s is light, 15.4 moderate, 23.2 severe; 0 is none. It need not equal the steady wind.
+    """
+
+    steady_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turbulence_mps: float = 0.0
+
+
+CALM = Wind()
+
+
+def faults_of(wind: Wind) -> list[Fault]:
+    """What is wrong with a description."""
+    faults = []
+    if len(wind.steady_enu_mps) != 3 or not all(math.isfinite(part) for part in wind.steady_enu_mps):
+        faults.append(Fault("wind.steady_enu_mps", repr(wind.steady_enu_mps), "three finite numbers in m/s"))
+    if not 0.0 <= wind.turbulence_mps <= MOST_MPS:
+        faults.append(Fault("wind.turbulence_mps", repr(wind.turbulence_mps), f"0 (none) to {MOST_MPS:g} m/s"))
+    return faults

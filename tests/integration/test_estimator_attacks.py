@@ -1,0 +1,229 @@
+"""What does a false GNSS do to an aircraft? What EKF3 does: gates, dead reckoning, and resets after its own time-outs.
+
+Times and names are those of ArduPilot's libraries/AP_NavEKF3: `posRetryTimeUseVel_ms` 10 s, `posRetryTimeNoVel_ms` 7 s,
+`tiltDriftTimeMax_ms` 15 s, `deadReckonDeclare_ms` 1 s. The aircraft hovers in GUIDED, sensors with noise.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from skyrange.agent.contracts import Sensors
+from skyrange.core.time import NS_PER_S
+from skyrange.vehicle.builtin.estimation.state import Status
+from skyrange.vehicle.spec import VehicleSpec
+from tests.integration.flight_harness import Range
+
+ME = "blue/b1"
+HELD = Status.POS_HORIZ_ABS
+
+
+@pytest.fixture(scope="module")
+def hovering() -> Range:
+    spec = VehicleSpec(vehicle=ME, system_id=1, airframe="iris", home_enu_m=(3.0, -2.0, 0.0), heading_deg=40.0)
+    fly = Range([spec], noise=1.0)
+    fly.take_off(ME, 20.0)
+    fly.run(20.0)
+    return fly
+
+
+class Watch:
+    """A flight, and what its estimator says of itself, every 50 ms from the attack on."""
+
+    def __init__(self, trunk: Range, tamper: Callable[[float, Sensors], None], seconds: float) -> None:
+        self.fly = copy.deepcopy(trunk)
+        self.began = self.fly.now
+        self.times: list[float] = []
+        self.rows: list[np.void] = []
+        self.truth: list[np.ndarray] = []
+
+        def act(now: int, sensors: Sensors) -> None:
+            tamper((now - self.began) / NS_PER_S, sensors)
+
+        self.fly.tamper = act
+        self.fly.run(seconds, self._look)
+
+    def _look(self, fly: Range) -> None:
+        self.times.append((fly.now - self.began) / NS_PER_S)
+        self.rows.append(fly.engines[0]._fleet.estimate[0].copy())
+        self.truth.append(fly.positions()[0].copy())
+
+    def first(self, holds: Callable[[np.void], bool]) -> float:
+        """When something first held, seconds after the attack began; infinite if never."""
+        return next((t for t, row in zip(self.times, self.rows, strict=True) if holds(row)), float("inf"))
+
+    def at(self, seconds: float) -> tuple[np.void, np.ndarray]:
+        """Belief and truth then."""
+        index = int(np.searchsorted(self.times, seconds))
+        return self.rows[index], self.truth[index]
+
+    def notes(self) -> list[dict[str, object]]:
+        return [dict(note.data) for at, note in self.fly.notes if note.kind == "event.estimator"]
+
+
+def jump(east_m: float, speed_mps: float = 0.0) -> Callable[[float, Sensors], None]:
+    """The fix is elsewhere from now on, and claims to move at a constant speed besides."""
+
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        sensors.gnss_enu_m[:, 0] += east_m
+        sensors.gnss_vel_enu_mps[:, 0] += speed_mps
+
+    return tamper
+
+
+def ramp(speed_mps: float, honest: bool) -> Callable[[float, Sensors], None]:
+    """The fix drifts away eastward; `honest` gives it the velocity of its drift."""
+
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        sensors.gnss_enu_m[:, 0] += speed_mps * after_s
+        if honest:
+            sensors.gnss_vel_enu_mps[:, 0] += speed_mps
+
+    return tamper
+
+
+def silence(sensors: Sensors, held: dict[str, np.ndarray]) -> None:
+    """No new fix: the last one stands."""
+    for name in ("gnss_enu_m", "gnss_vel_enu_mps", "gnss_time_ns"):
+        getattr(sensors, name)[:] = held.setdefault(name, getattr(sensors, name).copy())
+
+
+def test_untouched_it_holds_its_place_and_says_so(hovering: Range) -> None:
+    watch = Watch(hovering, lambda after, sensors: None, 30.0)
+    rows = np.array(watch.rows)
+    assert watch.first(lambda e: not e["status"] & HELD) == float("inf")
+    assert not (rows["status"] & Status.GPS_GLITCHING).any()
+    assert rows["resets"].max() == 0
+    assert max(rows[name].max() for name in ("vel_ratio", "pos_ratio", "hgt_ratio", "mag_ratio")) < 0.5
+    assert watch.notes() == []
+
+
+def test_a_jump_with_the_old_velocity_is_rejected_for_ten_seconds_and_then_believed(hovering: Range) -> None:
+    watch = Watch(hovering, jump(200.0), 25.0)
+    glitch = watch.first(lambda e: bool(e["status"] & Status.GPS_GLITCHING))
+    assert glitch == pytest.approx(1.2, abs=0.3)  # a second without passing, and the fixes' own delay
+    reset = watch.first(lambda e: e["resets"] > 0)
+    assert reset == pytest.approx(10.1, abs=0.3)
+    before, _ = watch.at(reset - 0.2)
+    after, _ = watch.at(reset + 0.05)
+    assert before["dead_reckoning"] == 0  # velocity still aids
+    assert after["pos"][0] - before["pos"][0] == pytest.approx(200.0, abs=4.0)
+    note = next(note for note in watch.notes() if "reset" in note)
+    assert note["reset"] == "position"
+    assert float(note["east_m"]) == pytest.approx(200.0, abs=4.0)  # type: ignore[arg-type]
+    # the aircraft stays until then, and flies back by what it has been told to have moved
+    _, stood = watch.at(reset)
+    assert abs(stood[0] - watch.truth[0][0]) < 2.0
+    assert watch.truth[-1][0] < watch.truth[0][0] - 60.0
+
+
+def test_a_jump_with_a_false_velocity_is_believed_after_seven_seconds(hovering: Range) -> None:
+    watch = Watch(hovering, jump(200.0, 8.0), 12.0)
+    reckoning = watch.first(lambda e: e["dead_reckoning"] == 1)
+    assert reckoning == pytest.approx(1.1, abs=0.3)
+    reset = watch.first(lambda e: e["resets"] > 0)
+    assert reset == pytest.approx(7.1, abs=0.3)
+    after, _ = watch.at(reset + 0.05)
+    assert after["vel"][0] == pytest.approx(8.0, abs=0.8)
+    assert next(note for note in watch.notes() if "reset" in note)["reset"] == "position and velocity"
+
+
+def test_a_jump_inside_the_gate_is_taken_at_once(hovering: Range) -> None:
+    watch = Watch(hovering, jump(5.0), 30.0)
+    assert np.array(watch.rows)["resets"].max() == 0
+    assert watch.truth[-1][0] - watch.truth[0][0] == pytest.approx(-5.0, abs=2.5)
+
+
+def test_a_slow_drift_with_its_own_velocity_drags_the_aircraft_and_nobody_notices(hovering: Range) -> None:
+    watch = Watch(hovering, ramp(1.0, honest=True), 60.0)
+    rows = np.array(watch.rows)
+    assert rows["resets"].max() == 0
+    assert not (rows["status"] & Status.GPS_GLITCHING).any()
+    assert rows["pos_ratio"].max() < 0.8
+    assert watch.truth[-1][0] - watch.truth[0][0] == pytest.approx(-60.0, abs=4.0)
+    assert abs(rows["pos"][-1][0] - rows["pos"][0][0]) < 2.5  # it believes to stand
+
+
+def test_a_slow_drift_without_velocity_drags_it_too_but_shows_in_the_innovations(hovering: Range) -> None:
+    honest, dull = (Watch(hovering, ramp(1.0, honest=flag), 40.0) for flag in (True, False))
+    assert np.array(dull.rows)["resets"].max() == 0
+    assert np.array(dull.rows)["pos_ratio"].max() > np.array(honest.rows)["pos_ratio"].max() + 0.2
+    lag_m = dull.truth[-1][0] - honest.truth[-1][0]
+    assert 2.0 < lag_m < 10.0  # behind by what it takes to be pulled at 1 m/s, within the gate
+
+
+def test_a_fast_drift_without_velocity_leaves_the_gate_and_comes_back_in_steps(hovering: Range) -> None:
+    watch = Watch(hovering, ramp(6.0, honest=False), 40.0)
+    counts = [int(row["resets"]) for row in watch.rows]
+    resets = [t for t, (a, b) in zip(watch.times[1:], pairwise(counts), strict=True) if b > a]
+    assert len(resets) >= 2
+    assert watch.first(lambda e: bool(e["status"] & Status.GPS_GLITCHING)) < resets[0]
+    assert all(later - sooner > 7.0 for sooner, later in pairwise(resets))
+
+
+def test_an_outage_is_flown_through_if_it_is_short(hovering: Range) -> None:
+    held: dict[str, np.ndarray] = {}
+
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        if after_s < 5.0:
+            silence(sensors, held)
+
+    watch = Watch(hovering, tamper, 15.0)
+    rows = np.array(watch.rows)
+    assert watch.first(lambda e: e["dead_reckoning"] == 1) == pytest.approx(1.1, abs=0.3)
+    assert rows["dead_reckoning"][-1] == 0
+    assert rows["resets"].max() == 0
+    assert (rows["status"] & HELD).all()
+    assert np.abs(rows["pos"][-1] - watch.truth[-1])[:2].max() < 4.0
+
+
+@pytest.mark.parametrize("jammed", [False, True], ids=["no fix comes", "a receiver without fix"])
+def test_without_fixes_position_is_lost_after_seven_and_aiding_after_fifteen_seconds(
+    hovering: Range, jammed: bool
+) -> None:
+    held: dict[str, np.ndarray] = {}
+
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        if after_s >= 22.0:
+            return
+        if jammed:
+            sensors.gnss_fix[:] = 1
+            sensors.gnss_satellites[:] = 0
+        else:
+            silence(sensors, held)
+
+    watch = Watch(hovering, tamper, 26.0)
+    assert watch.first(lambda e: not e["status"] & HELD) == pytest.approx(7.0, abs=0.3)
+    assert watch.first(lambda e: not e["status"] & Status.VELOCITY_HORIZ) == pytest.approx(7.0, abs=0.3)
+    assert watch.first(lambda e: bool(e["status"] & Status.CONST_POS_MODE)) == pytest.approx(15.0, abs=0.3)
+    back = watch.first(lambda e: e["resets"] > 0)
+    assert back == pytest.approx(22.2, abs=0.3)  # at the first fix: the receiver's checks have not failed meanwhile
+    assert watch.rows[-1]["status"] & HELD
+    texts = [said.message.text for said in watch.fly.said if said.message.get_type() == "STATUSTEXT"]
+    assert "EKF3 IMU0 stopped aiding" in texts
+    assert "EKF3 IMU0 is using GPS" in texts
+
+
+def test_a_false_height_is_rejected_and_then_believed(hovering: Range) -> None:
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        sensors.baro_up_m += 60.0
+
+    watch = Watch(hovering, tamper, 20.0)
+    reset = watch.first(lambda e: abs(e["pos"][2] - watch.rows[0]["pos"][2]) > 30.0)
+    assert reset == pytest.approx(10.0, abs=0.3)  # hgtRetryTimeMode0_ms: GNSS still aids the climb rate
+    assert watch.truth[-1][2] < watch.truth[0][2] - 8.0  # and comes down
+
+
+def test_a_turned_compass_is_rejected_in_flight(hovering: Range) -> None:
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        sensors.compass_gauss[:, :2] *= -1.0
+
+    watch = Watch(hovering, tamper, 15.0)
+    rows = np.array(watch.rows)
+    assert rows["mag_ratio"][-1] > 1.0
+    assert abs(np.angle(np.exp(1j * (rows["yaw"][-1] - rows["yaw"][0])))) < np.radians(5.0)

@@ -1,0 +1,67 @@
+"""One operator with 600 aircraft: more than MAVLink's 8-bit system ids, so three networks with the same ids in each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from skyrange.gcs.station import GroundStation
+from skyrange.record import load
+from skyrange.runtime.run import Run
+from skyrange.scenario.schema import Fleet, Operator, Scenario, path
+
+COUNT = 600
+HOP = path([(0, 0)], 2, end="land")
+"""Up to 2 m and down: with upload, pre-arm checks and disarming about 14 s."""
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Path]:
+    fleet = Fleet(count=COUNT, spacing_m=(6, 6), plan=HOP)
+    scenario = Scenario(
+        name="six hundred",
+        origin=(47.4, 8.5),
+        duration_s=25,
+        record={"truth_hz": 1, "sensors_hz": 0},
+        operators=[Operator(id="parcel", fleets=[fleet])],
+    )
+    folder = tmp_path_factory.mktemp("six-hundred") / "run"
+    run = Run.start(scenario, folder)
+    run.advance(scenario.duration_s)
+    run.finish()
+    return run, folder
+
+
+def station(run: Run) -> GroundStation:
+    [found] = [agent for agent in run.rig.wiring.agents if isinstance(agent, GroundStation)]
+    return found
+
+
+def test_three_networks_share_the_system_ids(flown: tuple[Run, Path]) -> None:
+    rows = flown[0].rig.header["vehicles"]
+    assert Counter(row["network"] for row in rows) == {0: 250, 1: 250, 2: 100}
+    assert len({(row["network"], row["system_id"]) for row in rows}) == COUNT
+    assert max(row["system_id"] for row in rows) == 250
+
+
+def test_one_station_tells_all_of_them_apart(flown: tuple[Run, Path]) -> None:
+    run, folder = flown
+    gcs = station(run)
+    origin = run.rig.scenario.origin.datum
+    for row in run.rig.header["vehicles"]:
+        belief = gcs.belief(row["id"])
+        east_m, north_m = origin.enu_of(belief.lat_e7 * 1e-7, belief.lon_e7 * 1e-7)
+        # neighbours stand 6 m apart; a GNSS fix on the ground is nearer than half of that
+        assert abs(east_m - row["home_enu_m"][0]) < 3.0, row["id"]
+        assert abs(north_m - row["home_enu_m"][1]) < 3.0, row["id"]
+    kinds = load(folder).table("decisions").column("kind").to_pylist()
+    assert "decision.foreign_frame" not in kinds
+    assert "decision.bad_frame" not in kinds
+
+
+def test_every_one_of_them_flies_its_mission(flown: tuple[Run, Path]) -> None:
+    outcomes = load(flown[1]).outcomes
+    assert len(outcomes) == COUNT
+    assert {outcome["state"] for outcome in outcomes.values()} == {"complete"}

@@ -1,0 +1,204 @@
+"""Frames sent in blocks: the record, the mail and its order are those of the same frames sent singly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyrange.agent.contracts import Agent
+from skyrange.agent.frames import Fate, Frame
+from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.agent.payloads import Payloads
+from skyrange.agent.verdicts import Delay, Inject, Pass, Verdict
+from skyrange.core.errors import ComponentError
+from skyrange.core.ids import Port
+from skyrange.core.time import NS_PER_MS, Time
+from skyrange.kernel import Kernel, Wiring
+from skyrange.record.memory import MemoryObserver
+
+MS = NS_PER_MS
+NAMES = [f"blue/b{number}" for number in range(7)]
+END = 95 * MS
+
+
+class Many:
+    """Speaks for all aircraft every 10 ms, some of them twice: in blocks, or singly."""
+
+    name = "fleet"
+    service_ns = 10 * MS
+
+    def __init__(self, blocks: bool) -> None:
+        self.blocks = blocks
+        self.ports = [Port(f"{name}.autopilot", f"autopilot:{name}") for name in NAMES]
+        self.step_no = 0
+
+    def next_wakeup(self) -> Time | None:
+        return self.step_no * 10 * MS
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        out = Outbox()
+        if now < self.step_no * 10 * MS:
+            return out
+        places = [row for row in range(len(NAMES)) if (row + self.step_no) % 3] + [1, self.step_no % 7]
+        payloads = [bytes([self.step_no, place, count]) for count, place in enumerate(places)]
+        payloads[0] = b"again and again"
+        if self.step_no % 4 == 0:
+            out.send(self.ports[2], b"first")
+        if self.blocks:
+            out.send_block(np.array(places, dtype=np.int64), Payloads.of(payloads))
+        else:
+            for place, payload in zip(places, payloads, strict=True):
+                out.send(self.ports[place], payload)
+        self.step_no += 1
+        return out
+
+
+class Ears:
+    """A station that keeps what it hears, by the frame and by the column."""
+
+    name = "blue.gcs"
+    service_ns = 20 * MS
+
+    def __init__(self) -> None:
+        self.ports = [Port("blue.gcs", f"gcs:{name}") for name in NAMES]
+        self.heard: list[Any] = []
+
+    def next_wakeup(self) -> Time | None:
+        return None
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        table = inbox.columns({port: place for place, port in enumerate(self.ports)})
+        rows = zip(table.places.tolist(), table.at_ns.tolist(), table.payloads, table.order.tolist(), strict=True)
+        for arrival, (place, at, payload, number) in zip(inbox, rows, strict=True):
+            assert arrival == inbox.arrival(number)
+            assert (arrival.port, arrival.at, arrival.payload) == (self.ports[place], at, payload)
+            self.heard.append((now, arrival))
+        return Outbox()
+
+
+def is_odd(payload: bytes) -> bool:
+    return len(payload) == 3 and payload[2] % 2 == 1
+
+
+class Meddler:
+    """A tap on one aircraft's `gcs` link that holds frames up, so that singles and blocks arrive together."""
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        if frame.serial % 3 == 1:
+            return [Inject(b"!", frame.direction, frame.src, frame.dst), Pass()]
+        return [Delay(now + 7 * MS) if frame.serial % 3 else Pass()]
+
+    def next_wakeup(self) -> Time | None:
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        return []
+
+
+def wiring(blocks: bool, fuse: bool = True, gcs: Channel | None = None, tapped: str = "", agents: Any = None) -> Wiring:
+    links, routes = [], []
+    for name in NAMES:
+        links += [
+            LinkSpec(f"autopilot:{name}", f"{name}.proxy", f"{name}.autopilot", Channel("reliable", MS // 10)),
+            LinkSpec(f"log:{name}", f"{name}.companion", f"{name}.proxy", Channel("reliable", MS // 10)),
+            LinkSpec(f"rid_data:{name}", f"{name}.proxy", f"{name}.companion", Channel("reliable", MS)),
+            LinkSpec(f"gcs:{name}", "blue.gcs", f"{name}.companion", gcs or Channel("datagram", 9 * MS)),
+        ]
+        routes += [
+            Route(f"{name}.proxy", f"autopilot:{name}", f"log:{name}"),
+            Route(f"{name}.proxy", f"autopilot:{name}", f"rid_data:{name}", 0, is_odd),
+            Route(f"{name}.companion", f"log:{name}", f"gcs:{name}", 10 * MS),
+        ]
+    taps = [TapPlacement(f"gcs:{tapped}", "gcs", lambda link: Meddler())] if tapped else []
+    own: Sequence[Agent] = [Many(blocks), Ears()]
+    return Wiring(3, links, agents or own, routes, taps, fuse=fuse)
+
+
+def outcome(observer: MemoryObserver, ears: Any) -> tuple[Any, ...]:
+    return observer.digests.frames, len(observer.frames), ears.heard
+
+
+def fly(*args: Any, ends: Sequence[Time] = (END,), **kwargs: Any) -> tuple[Any, ...]:
+    observer = MemoryObserver()
+    plan = wiring(*args, **kwargs)
+    kernel = Kernel(plan, [observer])
+    for end in ends:
+        kernel.advance(end)
+    kernel.finish()
+    return outcome(observer, plan.agents[1])
+
+
+@pytest.mark.parametrize("tapped", ["", NAMES[3], "blue/*"])
+@pytest.mark.parametrize(
+    "gcs", [None, Channel("datagram", 9 * MS, jitter_ns=5 * MS, loss=0.1), Channel("datagram", 9 * MS, rate_bps=1e5)]
+)
+def test_blocks_and_singles_leave_one_record(gcs: Channel | None, tapped: str) -> None:
+    singly = fly(False, gcs=gcs, tapped=tapped)
+    assert len(singly[2]) > 20
+    assert fly(True, gcs=gcs, tapped=tapped) == singly
+    assert fly(True, False, gcs=gcs, tapped=tapped) == singly
+    assert fly(True, gcs=gcs, tapped=tapped, ends=range(0, END + 1, MS // 2)) == singly
+
+
+@pytest.mark.parametrize("end", [0, MS // 20, MS // 10, MS, 10 * MS, 15 * MS, 19 * MS, 19 * MS + 1, END])
+def test_a_block_under_way_at_the_end_is_recorded_hop_by_hop(end: Time) -> None:
+    assert fly(True, ends=(end,)) == fly(False, ends=(end,))
+
+
+def test_a_fork_with_blocks_under_way_continues_identically() -> None:
+    straight = fly(True)
+    stem_eyes, stem = MemoryObserver(), wiring(True)
+    kernel = Kernel(stem, [stem_eyes])
+    kernel.advance(14 * MS)
+    twin_eyes = MemoryObserver()
+    twin_eyes.frames += stem_eyes.frames
+    twin = kernel.fork([twin_eyes])
+    twin.advance(END)
+    twin.finish()
+    kernel.advance(END)
+    kernel.finish()
+    assert outcome(stem_eyes, stem.agents[1]) == straight
+    assert twin_eyes.digests.frames == straight[0]
+
+
+def test_hops_of_a_block_name_their_parents() -> None:
+    observer = MemoryObserver()
+    kernel = Kernel(wiring(True), [observer])
+    kernel.advance(END)
+    kernel.finish()
+    sent = {frame.id: frame for frame in observer.frames}
+    arrived = [frame for frame in observer.frames if frame.link.startswith("gcs:") and frame.fate is Fate.DELIVERED]
+    assert arrived
+    for frame in arrived:
+        assert frame.parent is not None
+        above = sent[frame.parent]
+        assert above.parent is not None
+        root = sent[above.parent]
+        assert (above.link, root.link) == (frame.link.replace("gcs", "log"), frame.link.replace("gcs", "autopilot"))
+        assert above.payload == root.payload == frame.payload
+        assert root.parent is None
+
+
+def test_blocks_of_an_attack_are_labelled_one_by_one_and_silenced_when_muted() -> None:
+    for muted in (False, True):
+        observer = MemoryObserver()
+        plan = wiring(True, agents=[Ears()])
+        plan.attacks = [AttackPlan("bad", muted=muted, agents=[Many(True)])]
+        kernel = Kernel(plan, [observer])
+        kernel.advance(END)
+        kernel.finish()
+        sent = [frame.id for frame in observer.frames if frame.link.startswith("autopilot:")]
+        assert sorted(label.frame for label in observer.labels) == sorted(sent)
+        assert (sent == []) == muted
+
+
+def test_a_block_from_a_port_that_is_no_links_end_is_refused() -> None:
+    stray = Many(True)
+    stray.ports.append(Port("blue/b9.autopilot", "autopilot:blue/b9"))
+    kernel_wiring = wiring(True, agents=[stray, Ears()])
+    with pytest.raises(ComponentError, match="no link's end"):
+        Kernel(kernel_wiring, []).advance(END)

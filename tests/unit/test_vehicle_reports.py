@@ -1,0 +1,253 @@
+"""Every report an operator's ground station uses: fields in MAVLink's frames and units, streams as ArduCopter has them.
+
+Sources: libraries/GCS_MAVLink/GCS_Common.cpp, GCS_MAVLink_Parameters.cpp; units as
+https://mavlink.io/en/messages/common.html has them.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import Counter
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skyrange.agent.messages import Outbox
+from skyrange.codec.columns import dtype_of
+from skyrange.codec.mavlink import decode, describe, dialect
+from skyrange.core.chance import Chance
+from skyrange.gcs.streams import OPERATOR
+from skyrange.vehicle.builtin.engine import BuiltinFleet
+from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.telemetry import streams
+from skyrange.vehicle.builtin.telemetry.table import BUILDERS, HAS, build, message
+from skyrange.vehicle.spec import VehicleSpec
+from tests.integration.flight_harness import EPOCH, ORIGIN, Range
+
+V = "blue/b1"
+A = dialect
+COUNT = 7
+
+
+def engine(count: int = COUNT) -> BuiltinFleet:
+    """A fleet in flight, every number of it different and none 0."""
+    specs = [VehicleSpec(f"blue/b{row}", row + 1) for row in range(count)]
+    made = BuiltinFleet("x", specs, ORIGIN, EPOCH, Chance(3))
+    fleet = made._fleet
+    fleet.now = 123_456_789_000
+    for table in (fleet.estimate, fleet.flight, fleet.power):
+        for place, name in enumerate(table.dtype.names):
+            kind = table.dtype[name]
+            if kind.names or kind.base.kind != "f":
+                continue
+            shape = table[name].shape
+            step = np.arange(1, math.prod(shape[1:]) + 1).reshape(shape[1:]) if len(shape) > 1 else 1.0
+            table[name] = 0.01 * (place + 1) * step
+            table[name] += 0.5 * np.arange(count).reshape(-1, *[1] * (len(shape) - 1))
+    fleet.estimate["status"] = 831
+    fleet.estimate["gnss_fix"], fleet.estimate["gnss_sats"] = 3, 9
+    fleet.flight["armed"], fleet.flight["landed"], fleet.flight["control"] = 1, 0, Control.POSITION
+    fleet.power["remaining_pct"] = 63
+    for craft in fleet.crafts:
+        craft.mode = Mode.GUIDED
+    return made
+
+
+@pytest.mark.parametrize("number", BUILDERS)
+def test_one_and_many_say_the_same_and_nothing_is_left_to_the_neighbours(number: int) -> None:
+    fleet = engine()._fleet
+    rows = np.array([5, 0, 3], dtype=np.int64)
+    many = build(fleet, number, rows)
+    assert many.dtype == dtype_of(number)
+    for place, row in enumerate(rows.tolist()):
+        assert build(fleet, number, rows[place : place + 1]).tobytes() == many[place : place + 1].tobytes()
+        told = message(fleet, fleet.crafts[row], number)
+        if told is not None:
+            frame = decode(fleet.crafts[row].packer.pack(told))
+            assert frame.get_msgId() == number
+
+
+def test_numbers_that_are_none_never_reach_a_frame() -> None:
+    """A receiver without a fix has no position: no report may fail or invent one."""
+    fleet = engine()._fleet
+    for name in ("gnss_pos", "gnss_vel", "baro_up", "compass"):
+        fleet.estimate[name] = np.nan
+    fleet.estimate["gnss_fix"] = 1
+    rows = np.arange(COUNT)
+    with np.errstate(all="raise"):
+        for number in BUILDERS:
+            values = build(fleet, number, rows)
+            for name in values.dtype.names or ():
+                if values[name].dtype.kind == "f" and not (number == A.MAVLINK_MSG_ID_HOME_POSITION and name == "q"):
+                    assert np.isfinite(values[name]).all(), (number, name)
+    raw = build(fleet, A.MAVLINK_MSG_ID_GPS_RAW_INT, rows)
+    assert (raw["fix_type"] == 1).all()
+    assert (raw["eph"] == 9999).all()  # GPS_UNKNOWN_DOP
+    assert message(fleet, fleet.crafts[0], A.MAVLINK_MSG_ID_AHRS2) is None
+
+
+def told(made: BuiltinFleet, number: int) -> SimpleNamespace:
+    found = message(made._fleet, made._fleet.crafts[2], number)
+    assert found is not None
+    return SimpleNamespace(**describe(found))
+
+
+def test_frames_and_units() -> None:
+    made = engine()
+    fleet = made._fleet
+    e, f = fleet.estimate[2], fleet.flight[2]
+    attitude = told(made, A.MAVLINK_MSG_ID_ATTITUDE)
+    assert (attitude.roll, attitude.pitch) == pytest.approx((e["roll"], -e["pitch"]))
+    assert attitude.yaw == pytest.approx((math.pi / 2 - e["yaw"] + math.pi) % (2 * math.pi) - math.pi)
+    assert attitude.time_boot_ms == 123_456
+    quaternion = told(made, A.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
+    q1, q2, q3, q4 = quaternion.q1, quaternion.q2, quaternion.q3, quaternion.q4
+    assert math.atan2(2 * (q1 * q2 + q3 * q4), 1 - 2 * (q2 * q2 + q3 * q3)) == pytest.approx(attitude.roll, abs=1e-5)
+    assert math.asin(2 * (q1 * q3 - q4 * q2)) == pytest.approx(attitude.pitch, abs=1e-5)
+    assert math.atan2(2 * (q1 * q4 + q2 * q3), 1 - 2 * (q3 * q3 + q4 * q4)) == pytest.approx(attitude.yaw, abs=1e-5)
+    raw = told(made, A.MAVLINK_MSG_ID_RAW_IMU)
+    assert (raw.xacc, raw.yacc, raw.zacc) == tuple(
+        int(s * v / 9.80665 * 1000) for s, v in zip((1, -1, -1), e["imu_accel"], strict=True)
+    )
+    assert (raw.xgyro, raw.ygyro) == (int(e["rate"][0] * 1000), int(-e["rate"][1] * 1000))
+    assert raw.xmag == int(e["compass"][0] * 1000)  # mgauss
+    pressure = told(made, A.MAVLINK_MSG_ID_SCALED_PRESSURE)
+    height = 584.0 + float(e["baro_up"])
+    assert pressure.press_abs == pytest.approx(1013.25 * (1 - 0.0065 * height / 288.15) ** 5.2559, rel=1e-5)
+    gps = told(made, A.MAVLINK_MSG_ID_GPS_RAW_INT)
+    lat, lon = ORIGIN.geodetic_of(*e["gnss_pos"][:2].tolist())
+    assert (gps.lat, gps.lon) == pytest.approx((lat * 1e7, lon * 1e7), abs=1)
+    assert gps.alt_ellipsoid - gps.alt == pytest.approx(19_000, abs=1)
+    assert (gps.eph, gps.satellites_visible) == (int(e["gnss_hdop"] * 100), 9)
+    nav = told(made, A.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT)
+    away = f["target_pos"] - e["pos"]
+    assert nav.wp_dist == int(math.hypot(away[0], away[1]))
+    assert nav.alt_error == pytest.approx(f["ref_pos"][2] - e["pos"][2])
+    target = told(made, A.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT)
+    assert target.alt == pytest.approx(584.0 + f["target_pos"][2], abs=1e-3)
+    assert target.type_mask == 0xFDF8  # only the position is said
+    local = told(made, A.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
+    assert (local.x, local.y, local.z) == pytest.approx((f["target_pos"][1], f["target_pos"][0], -f["target_pos"][2]))
+    assert (local.vx, local.type_mask) == (pytest.approx(f["target_vel"][1]), 0xC00)
+    ekf = told(made, A.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
+    assert ekf.flags == 831
+    assert (ekf.velocity_variance, ekf.compass_variance) == pytest.approx((e["vel_ratio"], e["mag_ratio"]))
+
+
+def test_outputs_home_and_origin() -> None:
+    made = engine()
+    fleet = made._fleet
+    fleet.actuators[2] = (0.0, 0.25, 0.5, 1.0)
+    servo = told(made, A.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW)
+    assert [servo.servo1_raw, servo.servo2_raw, servo.servo3_raw, servo.servo4_raw, servo.servo5_raw] == [
+        1000, 1250, 1500, 2000, 0,
+    ]  # fmt: skip
+    origin = told(made, A.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+    assert (origin.latitude, origin.longitude, origin.altitude) == (-353633280, 1491652241, 584_000)
+    fleet.crafts[2].home = (100.0, -50.0, 7.0)
+    home = told(made, A.MAVLINK_MSG_ID_HOME_POSITION)
+    assert (home.x, home.y, home.z, home.altitude) == (-50.0, 100.0, -7.0, 591_000)
+
+
+def test_battery_fence_and_failsafe() -> None:
+    made = engine()
+    fleet = made._fleet
+    assert message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_FENCE_STATUS) is None
+    fleet.boundary["enabled"], fleet.boundary["breached"], fleet.boundary["count"] = 7, 1, 2
+    fence = told(made, A.MAVLINK_MSG_ID_FENCE_STATUS)
+    assert (fence.breach_status, fence.breach_count, fence.breach_type) == (1, 2, A.FENCE_BREACH_MAXALT)
+    status = told(made, A.MAVLINK_MSG_ID_SYS_STATUS)
+    assert status.onboard_control_sensors_enabled & A.MAV_SYS_STATUS_GEOFENCE
+    assert not status.onboard_control_sensors_health & A.MAV_SYS_STATUS_GEOFENCE
+    assert told(made, A.MAVLINK_MSG_ID_HEARTBEAT).system_status == A.MAV_STATE_ACTIVE
+    fleet.watch["ekf_lost"] = 1
+    assert told(made, A.MAVLINK_MSG_ID_HEARTBEAT).system_status == A.MAV_STATE_CRITICAL
+    fleet.power["voltage"], fleet.power["current"], fleet.power["consumed_mah"] = 11.1, 22.0, 1234.0
+    fleet.power["consumed_wh"], fleet.power["level"] = 13.0, 2
+    battery = build(fleet, A.MAVLINK_MSG_ID_BATTERY_STATUS, np.array([2]))[0]
+    assert battery["voltages"].tolist() == [11_100, *[65_535] * 9]
+    assert (battery["current_battery"], battery["current_consumed"], battery["energy_consumed"]) == (2200, 1234, 468)
+    assert (battery["battery_remaining"], battery["charge_state"]) == (63, A.MAV_BATTERY_CHARGE_STATE_LOW)
+
+
+def test_a_lost_receiver_and_a_doubting_estimator_show_in_health() -> None:
+    made = engine()
+    fleet = made._fleet
+    healthy = told(made, A.MAVLINK_MSG_ID_SYS_STATUS).onboard_control_sensors_health
+    assert healthy & A.MAV_SYS_STATUS_SENSOR_GPS
+    fleet.estimate["gnss_age_s"] = 5.0
+    fleet.estimate["vel_ratio"] = fleet.estimate["pos_ratio"] = fleet.estimate["hgt_ratio"] = 1.5
+    doubting = told(made, A.MAVLINK_MSG_ID_SYS_STATUS).onboard_control_sensors_health
+    assert not doubting & (A.MAV_SYS_STATUS_SENSOR_GPS | A.MAV_SYS_STATUS_AHRS)
+    fleet.estimate["status"] = A.EKF_ATTITUDE
+    assert message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_LOCAL_POSITION_NED) is None
+
+
+def test_the_operators_streams() -> None:
+    """What QGroundControl asks for, counted over ten seconds of hovering: rates by stream, frames and bytes."""
+    r = Range([VehicleSpec(V, 3)])
+    r.take_off(V, 5.0)
+    for stream, rate in OPERATOR.streams:
+        r.send(V, A.MAVLink_request_data_stream_message(3, 1, stream, rate, 1))
+    for number, rate in OPERATOR.messages:
+        assert r.command(V, A.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate) == 0
+    r.run(1.0)
+    before, frames = len(r.said), len(r.frames[V])
+    r.run(10.0)
+    seen = Counter(said.message.get_type() for said in r.said[before:])
+    for kind, rate in {"ATTITUDE": 10, "AHRS2": 10, "VFR_HUD": 10, "GLOBAL_POSITION_INT": 3, "SYS_STATUS": 2,
+                       "RAW_IMU": 2, "RC_CHANNELS": 2, "EKF_STATUS_REPORT": 3, "HOME_POSITION": 1, "HEARTBEAT": 1,
+                       "EXTENDED_SYS_STATE": 1, "MEMINFO": 2, "POSITION_TARGET_GLOBAL_INT": 2}.items():  # fmt: skip
+        assert seen[kind] == pytest.approx(rate * 10, abs=1), kind
+    per_second = sum(seen.values()) / 10
+    size = sum(len(payload) for payload in r.frames[V][frames:]) / 10
+    assert 80 <= per_second <= 100
+    assert 2_400 <= size <= 4_000  # more in flight and with noise, which leaves fewer zeros to cut
+
+
+def test_an_aircrafts_frames_keep_order_and_numbers() -> None:
+    made = engine()
+    fleet = made._fleet
+    fleet.now = 0
+    for craft in fleet.crafts:
+        every = SimpleNamespace(start_stop=1, req_message_rate=10, req_stream_id=0)
+        streams.on_request(fleet, made._schedule, craft, every)
+    fleet.outbox = Outbox()
+    for _ in range(30):
+        fleet.now += 10_000_000
+        made._schedule.send_due(fleet)
+    order = list(BUILDERS)
+    by_craft: dict[int, list[object]] = {}
+    for departure in fleet.outbox.each(made.ports):
+        by_craft.setdefault(made.ports.index(departure.port), []).append(decode(departure.payload))
+    assert len(by_craft) == COUNT
+    for row, heard in by_craft.items():
+        assert {m.get_srcSystem() for m in heard} == {row + 1}  # type: ignore[attr-defined]
+        assert [m.get_seq() for m in heard] == [place % 256 for place in range(len(heard))]  # type: ignore[attr-defined]
+        half = [order.index(m.get_msgId()) for m in heard[: len(heard) // 3]]  # type: ignore[attr-defined]
+        assert half == sorted(half)
+
+
+def test_copies_of_a_fleet_number_their_frames_alike() -> None:
+    made = engine()
+    other = copy.deepcopy(made)
+    made._fleet.text(made._fleet.crafts[1], 6, "one more")
+    assert made._fleet.sequences[1] == 1
+    assert other._fleet.sequences[1] == 0
+    assert other._fleet.crafts[1].packer.sequence == 0
+    other._fleet.crafts[1].packer.sequence = 9
+    assert other._fleet.sequences[1] == 9
+
+
+def test_streams_hold_only_what_can_be_sent() -> None:
+    for _, messages in streams.STREAMS.values():
+        assert set(messages) <= set(BUILDERS)
+    assert set(HAS) <= set(BUILDERS)
+
+
+@pytest.mark.parametrize(("rate", "period_ms"), [(0, 0), (3, 333), (10, 100), (50, 20), (400, 3), (1001, 0)])
+def test_intervals_of_rates_are_whole_milliseconds(rate: int, period_ms: int) -> None:
+    assert streams.interval_ns(rate) == period_ms * 1_000_000

@@ -1,0 +1,172 @@
+"""Do the sensors err as much as they are said to, when they are said to, and each aircraft's by its own chance?"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from skyrange.agent.contracts import Sensors
+from skyrange.core.chance import Chance
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import hash64
+from skyrange.world import Body, SensorSpec, World
+from skyrange.world import sensor_models as models
+from skyrange.world.magnetism import field_at
+
+ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
+STEP = 2_500_000
+SPEC = SensorSpec(1.0, field_at(ORIGIN), Chance(11))
+
+
+def standing(count: int, spec: SensorSpec = SPEC, first: int = 0) -> World:
+    bodies = [Body(f"blue/b{i}", "iris", 10.0 * i, 0.0, 0.0, 90.0) for i in range(first, first + count)]
+    return World(bodies, STEP, sensors=spec)
+
+
+def readings(world: World) -> dict[str, np.ndarray]:
+    sensors = world.sensors(slice(None))
+    return {field.name: np.array(getattr(sensors, field.name)) for field in fields(Sensors)}
+
+
+def flown(world: World, seconds: float, every_ns: int) -> dict[str, np.ndarray]:
+    """All readings, (times, rows, …), standing on the ground."""
+    kept = []
+    for now in range(0, int(seconds * 1e9), STEP):
+        world.advance(now)
+        if now % every_ns == 0:
+            kept.append(readings(world))
+    return {name: np.array([reading[name] for reading in kept]) for name in kept[0]}
+
+
+def test_deviates_have_mean_0_variance_1_and_are_independent() -> None:
+    """4e4 draws of 6, within 4 standard errors: kurtosis is that of three uniforms, 2.6."""
+    seed, stream, who, zero = (np.uint64(x) for x in (5, 6, 7, 0))
+    z = np.array([models.normal6(seed, stream, who, when, zero) for when in range(40_000)])
+    assert np.abs(z.mean(axis=0)).max() < 0.02
+    assert np.abs(z.var(axis=0) - 1.0).max() < 0.03
+    assert np.abs((z**4).mean(axis=0) - 2.6).max() < 0.12
+    assert np.abs(np.corrcoef(z.T) - np.eye(6)).max() < 0.02
+    assert np.abs(z).max() <= 3.0
+
+
+def test_gnss_reports_at_five_hertz_what_was_a_moment_ago() -> None:
+    log = flown(standing(1), 4.0, STEP)
+    times = log["gnss_time_ns"][:, 0]
+    fresh = np.flatnonzero(np.diff(times)) + 1
+    assert set(np.diff(times[fresh]).tolist()) == {models.GNSS_PERIOD_NS}
+    ages = fresh * STEP - times[fresh]
+    assert (ages >= models.GNSS_LAG_NS).all()
+    assert (ages < models.GNSS_LAG_NS + models.IMU_PERIOD_NS).all()
+
+
+def test_errors_are_of_the_size_that_is_said() -> None:
+    """200 aircraft standing for 2 s, against the constants; tolerances are four standard errors or more."""
+    world = standing(200)
+    log = flown(world, 2.0, 10_000_000)
+    east = log["gnss_enu_m"][-1, :, 0] - 10.0 * np.arange(200)
+    assert east.std() == pytest.approx(models.GNSS_WANDER_M, rel=0.2)
+    up = log["gnss_enu_m"][-1, :, 2]
+    assert up.std() == pytest.approx(models.GNSS_WANDER_UP_M, rel=0.2)
+    assert log["gnss_vel_enu_mps"][-1].std() == pytest.approx(models.GNSS_SPEED_MPS, rel=0.15)
+    assert log["gyro_radps"].mean(axis=0).std() == pytest.approx(models.GYRO_BIAS_RADPS, rel=0.15)
+    noise = log["gyro_radps"] - log["gyro_radps"].mean(axis=0)
+    assert noise.std() == pytest.approx(models.GYRO_FLOOR_RADPS, rel=0.05)
+    assert log["accel_mps2"][:, :, 0].mean(axis=0).std() == pytest.approx(models.ACCEL_BIAS_MPS2, rel=0.2)
+    baro = log["baro_up_m"]
+    assert (baro - baro.mean(axis=0)).std() == pytest.approx(models.BARO_NOISE_M, rel=0.1)
+    field = np.array(field_at(ORIGIN))
+    nose_east = np.array([field[0], field[1], field[2]])  # heading 90: forward is east, left is north
+    offset = log["compass_gauss"].mean(axis=0) - nose_east
+    assert offset.std() == pytest.approx(models.COMPASS_OFFSET_GAUSS, rel=0.15)
+
+
+def test_gnss_wanders_with_its_correlation_time() -> None:
+    """Lag-10 s correlation of 300 aircraft's errors: exp(-10/60), within 0.05."""
+    world = standing(300)
+    sensing = world._sensing
+    errors = []
+    for now in range(0, 12_000_000_000, models.IMU_PERIOD_NS):
+        sensing.sample(now)
+        if now in (1_000_000_000, 11_000_000_000):
+            errors.append(readings(world)["gnss_enu_m"][:, :2] - world._position[:, :2])
+    first, second = (e.ravel() for e in errors)
+    assert np.corrcoef(first, second)[0, 1] == pytest.approx(math.exp(-10.0 / models.GNSS_WANDER_S), abs=0.05)
+
+
+def test_the_receiver_loses_its_fix_now_and_then() -> None:
+    """100 hours of bins: chance within 25 %, a length in its bounds, no new time meanwhile."""
+    bins = 720_000
+    seed, who = np.uint64(3), np.uint64(9)
+    out = 0
+    for start in range(bins // 20):
+        at = start * models.OUTAGE_BIN_NS
+        out += any(models.in_outage(seed, who, at + k * 400_000_000, 1.0) for k in range(25))
+    assert out / (bins / 20) == pytest.approx(models.OUTAGE_CHANCE, rel=0.25)
+    me = np.uint64(hash64("blue/b0"))
+    lost_bin = next(
+        b * models.OUTAGE_BIN_NS
+        for b in range(10_000)
+        if models.in_outage(np.uint64(11), me, b * models.OUTAGE_BIN_NS + 5_000_000_000, 1.0)
+    )
+    sensing = standing(1)._sensing
+    fixes, ages = [], []
+    for now in range(lost_bin, lost_bin + models.OUTAGE_BIN_NS, models.IMU_PERIOD_NS):
+        sensing.sample(now)
+        sensors = sensing.read(slice(None))
+        fixes.append(int(sensors.gnss_fix[0]))
+        ages.append(now - int(sensors.gnss_time_ns[0]))
+    lost_s = fixes.count(models.FIX_NONE) * 0.01
+    assert models.OUTAGE_MIN_S - 0.2 <= lost_s <= models.OUTAGE_MAX_S + 0.2
+    assert max(ages) > models.GNSS_PERIOD_NS + models.GNSS_LAG_NS + 100_000_000
+
+
+def test_ideal_sensors_are_the_truth_of_the_tick() -> None:
+    world = standing(2, SensorSpec(0.0, field_at(ORIGIN)))
+    world.advance(0)
+    world.actuate(slice(None), np.full((2, 4), 0.8))
+    for now in range(STEP, 200 * STEP, STEP):
+        world.advance(now)
+    seen, truth = readings(world), world.truth()
+    assert seen["gnss_enu_m"][:, 2].tobytes() == truth["up_m"].tobytes() == seen["baro_up_m"].tobytes()
+    assert seen["gnss_time_ns"].tolist() == [199 * STEP] * 2
+    assert seen["gnss_fix"].tolist() == [6, 6]
+    assert np.linalg.norm(seen["compass_gauss"], axis=1) == pytest.approx(np.linalg.norm(field_at(ORIGIN)))
+
+
+def test_an_aircrafts_readings_depend_on_no_other_and_a_copy_goes_on_alike() -> None:
+    alone, among = standing(1, first=3), standing(6)
+    for now in range(0, 2_000_000_000, STEP):
+        alone.advance(now)
+        among.advance(now)
+        if now == 1_000_000_000:
+            fork = copy.deepcopy(among)
+    for now in range(1_000_000_000 + STEP, 2_000_000_000, STEP):
+        fork.advance(now)
+    one, many, copied = readings(alone), readings(among), readings(fork)
+    for name, values in one.items():
+        assert values[0].tobytes() == many[name][3].tobytes(), name
+        assert copied[name].tobytes() == many[name].tobytes(), name
+
+
+@pytest.mark.parametrize(
+    ("lat", "lon", "declination", "inclination", "gauss"),
+    [
+        (40.78, -73.97, -12.8, 66.4, 0.512),
+        (-35.36, 149.17, 12.3, -66.0, 0.578),
+        (51.5, -0.1, 0.4, 66.5, 0.490),
+        (35.7, 139.7, -7.6, 49.6, 0.466),
+        (0.0, 0.0, -4.2, -30.2, 0.318),
+    ],
+)
+def test_the_field_is_the_world_magnetic_models(
+    lat: float, lon: float, declination: float, inclination: float, gauss: float
+) -> None:
+    """NOAA's calculator for WMM2020, rounded; within 3 degrees and 6 % for what is cut off after degree 4."""
+    east, north, up = field_at(Origin(lat, lon, 0.0, 0.0))
+    assert math.degrees(math.atan2(east, north)) == pytest.approx(declination, abs=3.0)
+    assert math.degrees(math.atan2(-up, math.hypot(east, north))) == pytest.approx(inclination, abs=3.0)
+    assert math.sqrt(east**2 + north**2 + up**2) == pytest.approx(gauss, rel=0.06)
