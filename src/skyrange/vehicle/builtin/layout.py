@@ -307,12 +307,12 @@ def zeros(dtype: np.dtype[Any], count: int) -> Records:
     rows = np.zeros(count, dtype=dtype)
     if dtype == ESTIMATE:
         rows["quat"][:, 0] = 1.0
+        healthy(rows)
     if dtype == FLIGHT:
         rows["att"][:, 0] = 1.0
         rows["want_quat"][:, 0] = 1.0
         rows["slow_s"] = 1e9  # work everything out in the first turn
         rows["tune_s"] = 1e9
-        healthy(rows)
     return rows
 
 
