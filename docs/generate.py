@@ -277,9 +277,9 @@ def autopilot_commands() -> str:
 
 def mission_items() -> str:
     """Mission items that are flown."""
-    from skyrange.vehicle.builtin.mission_items import _SUPPORTED
+    from skyrange.vehicle.builtin.mission_kinds import SUPPORTED
 
-    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(_SUPPORTED))
+    return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(SUPPORTED))
 
 
 def messages() -> str:

@@ -42,9 +42,14 @@ def test_unknown_commands_are_unsupported(r: Range, command: int) -> None:
     assert r.command(V, command) == UNSUPPORTED
 
 
-def test_stabilize_does_not_arm(r: Range) -> None:
+@pytest.mark.parametrize("mode", [Mode.STABILIZE, Mode.ALT_HOLD, Mode.LOITER])
+def test_modes_of_a_pilot_arm_with_the_throttle_down(r: Range, mode: Mode) -> None:
+    assert r.mode(V, mode) == OK
+    r.send(V, A.MAVLink_manual_control_message(1, 0, 0, 700, 0, 0))
     assert r.arm(V) == FAILED
-    assert "Arm: STABILIZE mode not armable" in r.words()
+    assert "Arm: Throttle too high" in r.words()
+    r.send(V, A.MAVLink_manual_control_message(1, 0, 0, 0, 0, 0))
+    assert r.arm(V) == OK
 
 
 @pytest.mark.parametrize("mode", [Mode.RTL, Mode.LAND, Mode.BRAKE, Mode.AUTO])
@@ -114,7 +119,9 @@ def test_auto_needs_a_mission_that_takes_off_when_armed_on_the_ground(r: Range) 
     assert r.command(V, A.MAV_CMD_MISSION_START) == FAILED
     assert "Auto: Missing Takeoff Cmd" in r.words()
     assert shown(r)[0] == 4
-    assert r.mode(V, Mode.STABILIZE) == FAILED
+    r.send(V, A.MAVLink_manual_control_message(1, 0, 0, 900, 0, 0))
+    assert r.mode(V, Mode.STABILIZE) == FAILED  # it would leap off the ground
+    assert "Mode change to STABILIZE failed: throttle too high" in r.words()
 
 
 def test_takeoff_needs_guided_armed_and_a_height_above(r: Range) -> None:

@@ -10,10 +10,10 @@ import math
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.vehicle.builtin import fence, loop, prearm
+from skyrange.vehicle.builtin import fence, loop, prearm, sticks_in
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
-from skyrange.vehicle.builtin.layout import Control
-from skyrange.vehicle.builtin.modes import Mode, armable
+from skyrange.vehicle.builtin.layout import Control, Heading
+from skyrange.vehicle.builtin.modes import PILOTED, Mode, armable
 
 FORCE_ARM = 2989.0
 FORCE = 21196.0
@@ -38,7 +38,7 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
     flight["landed"][row] = 1
-    flight["control"][row] = Control.IDLE
+    flight["control"][row] = PILOTED.get(craft.mode, Control.IDLE)
     flight["flags"][row] = flight["seen"][row] = 0
     fleet.limits(craft)
     fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
@@ -56,6 +56,8 @@ def _refusal(fleet: Fleet, craft: Craft) -> str:
     lean = math.hypot(float(fleet.estimate["roll"][craft.row]), float(fleet.estimate["pitch"][craft.row]))
     if checks & (prearm.Bit.ALL | prearm.Bit.INS) and lean > math.radians(fleet.param(craft, "ANGLE_MAX") * 0.01):
         return "Leaning"
+    if checks & (prearm.Bit.ALL | prearm.Bit.RC) and sticks_in.too_high(fleet, craft):
+        return "Throttle too high"
     return ""
 
 
@@ -71,7 +73,10 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
     craft.flown = None
     craft.current = 0
     craft.jumps.clear()
-    for timer in (Timer.HOLD, Timer.LANDED, Timer.IDLE, Timer.STALE):
+    craft.do_next = 0
+    craft.condition = (0, 0.0)
+    craft.reached.clear()
+    for timer in (Timer.HOLD, Timer.LANDED, Timer.IDLE, Timer.STALE, Timer.CONDITION):
         fleet.timer(craft, timer)
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Disarming motors", causes)
     fleet.note("event.disarmed", craft, {"reason": reason}, causes)
@@ -89,10 +94,12 @@ def take_off(fleet: Fleet, craft: Craft, up: float) -> None:
     row, flight = craft.row, fleet.flight
     flight["flags"][row] = flight["seen"][row] = 0
     flight["target_pos"][row, 2] = up
-    flight["fast"][row] = 0
+    flight["heading"][row] = Heading.HOLD
     if flight["landed"][row]:
         flight["spool"][row] = 0.0
         flight["throttle"][row] = 0.0
         loop.rest(flight, row)
         fleet.timer(craft, Timer.IDLE)
+    else:
+        loop.hold(fleet.estimate, flight, row)
     flight["control"][row] = Control.TAKEOFF

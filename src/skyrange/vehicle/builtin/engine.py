@@ -23,12 +23,16 @@ from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
 from skyrange.vehicle.builtin import (
     commands,
+    do_items,
     fence,
+    gains,
     loop,
     mission_protocol,
     navigator,
     parameter_protocol,
+    piloting,
     returning,
+    sticks_in,
     targets,
 )
 from skyrange.vehicle.builtin.arming import disarm, idle_end
@@ -37,7 +41,7 @@ from skyrange.vehicle.builtin.estimation import resets
 from skyrange.vehicle.builtin.estimation.estimator import Estimator
 from skyrange.vehicle.builtin.failsafes import crash, ground_station, service
 from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Control, Flag, zeros
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Flag, zeros
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import PARAMETERS, SETTINGS, fill
@@ -66,6 +70,9 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: mission_protocol.on_write_partial,
     _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: targets.on_local,
     _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: targets.on_global,
+    _ID.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: targets.on_attitude,
+    _ID.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: piloting.on_override,
+    _ID.MAVLINK_MSG_ID_MANUAL_CONTROL: piloting.on_manual_control,
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: parameter_protocol.on_list,
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_read,
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
@@ -111,6 +118,9 @@ class BuiltinFleet:
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
         self._fleet.stored[:] = stored
+        for row, spec in enumerate(specs):
+            gains.mixing(self._fleet.gains, row, AIRFRAMES[spec.airframe])
+            sticks_in.place(self._fleet, crafts[row])
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
         self._schedule = Schedule(np.array(phases, dtype=np.int64))
         for craft in crafts:
@@ -131,7 +141,7 @@ class BuiltinFleet:
             resets.tell(fleet, self._estimator.filters)
         for arrival in inbox:
             self._receive(arrival)
-        if loop.turn(fleet.estimate, fleet.flight, fleet.settings, self._actuators, dt_s):
+        if loop.turn(fleet.estimate, fleet.flight, fleet.legs, fleet.gains, fleet.settings, self._actuators, dt_s):
             self._act_on_flags()
         if tick % SERVICE_NS == 0:
             self._act_on_timers(tick)
@@ -159,7 +169,8 @@ class BuiltinFleet:
             craft.ignored += 1
             return
         # no other component is on board, so one that is named but unknown is taken as this one
-        if getattr(message, "target_system", craft.system_id) not in (0, craft.system_id):
+        addressee = getattr(message, "target_system", getattr(message, "target", craft.system_id))
+        if addressee not in (0, craft.system_id):
             craft.ignored += 1
             return
         causes = (arrival.ref,)
@@ -223,9 +234,7 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
     elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:
         returning.arrived(fleet, craft)
     elif craft.mode == Mode.GUIDED and flag is Flag.CLIMBED:
-        flight, row = fleet.flight, craft.row
-        flight["target_pos"][row, :2] = flight["ref_pos"][row, :2]
-        fleet.fly(craft, Control.POSITION)
+        targets.taken_off(fleet, craft)
 
 
 def _on_hold(fleet: Fleet, craft: Craft) -> None:
@@ -243,7 +252,11 @@ def _on_landed(fleet: Fleet, craft: Craft) -> None:
 
 
 def _on_idle(fleet: Fleet, craft: Craft) -> None:
-    if fleet.armed(craft) and fleet.landed(craft):
+    if not (fleet.armed(craft) and fleet.landed(craft)):
+        return
+    if fleet.flight["sticks"][craft.row, 3] > 0.0:  # a raised throttle puts it off (auto_disarm_check)
+        fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
+    else:
         disarm(fleet, craft, "disarm_delay", ())
 
 
@@ -254,6 +267,8 @@ _TIMERS: dict[Timer, Callable[[Fleet, Craft], None]] = {
     Timer.IDLE: _on_idle,
     Timer.STALE: targets.stale,
     Timer.PARAMS: parameter_protocol.on_timer,
+    Timer.STICKS: piloting.on_timer,
+    Timer.CONDITION: do_items.look,
 }
 
 

@@ -20,7 +20,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
 from skyrange.vehicle.builtin.fence_zones import ZONES
-from skyrange.vehicle.builtin.layout import Control, Records
+from skyrange.vehicle.builtin.layout import GAINS, LEGS, Control, Records, zeros
 from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
 from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
@@ -47,6 +47,10 @@ class Timer(IntEnum):
     """A velocity target runs out."""
     PARAMS = 5
     """The next values of a parameter list."""
+    STICKS = 6
+    """A pilot's stick that MAVLink set runs out."""
+    CONDITION = 7
+    """The next look at what a mission's DO items wait for."""
 
 
 @dataclass(slots=True)
@@ -136,7 +140,14 @@ class Craft:
     ready: bool = False
     """Allowed to leave the ground (ArduPilot's `auto_armed`)."""
     target_causes: Causes = ()
-    yaw_free: bool = True
+    do_next: int = 0
+    """The DO item that is due while the navigation item under way is flown, 0 for none."""
+    condition: tuple[int, float] = (0, 0.0)
+    """The CONDITION item that DO items wait for, and its number: the time it ends, or metres; 0 for none."""
+    reached: dict[int, Time] = field(default_factory=dict)
+    """When each item was reached last."""
+    overrides: dict[int, tuple[int, Time]] = field(default_factory=dict)
+    """RC channels that MAVLink sets: µs and since when."""
     params_next: int = 0
     bad_frames: int = 0
     ignored: int = 0
@@ -165,6 +176,8 @@ class Fleet:
         self.estimate = estimate
         self.flight = flight
         self.settings = settings
+        self.legs = zeros(LEGS, len(crafts))
+        self.gains = zeros(GAINS, len(crafts))
         self.power: Records = np.zeros(len(crafts), dtype=POWER)
         self.boundary: Records = np.zeros(len(crafts), dtype=BOUNDARY)
         self.zones: Records = np.zeros(len(crafts), dtype=ZONES)
@@ -230,12 +243,13 @@ class Fleet:
         flight["speed_down"][row] = self.param(craft, "WPNAV_SPEED_DN") * 0.01
         flight["accel_xy"][row] = self.param(craft, "WPNAV_ACCEL") * 0.01
         flight["accel_z"][row] = self.param(craft, "WPNAV_ACCEL_Z") * 0.01
+        flight["replan"][row] = 0
 
     def fly(self, craft: Craft, control: Control, target_vel: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
         """Give a flying craft another control and velocity target; the reference goes on from where it is."""
         row = craft.row
         self.flight["control"][row] = control
         self.flight["target_vel"][row] = target_vel
-        self.flight["fast"][row] = 0
+        self.flight["target_acc"][row] = 0.0
         self.flight["pause_s"][row] = 0.0
         self.flight["blind"][row] = 0

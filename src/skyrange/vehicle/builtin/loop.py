@@ -1,6 +1,7 @@
 """What happens in one turn of the main loop, for every aircraft? Guide, control, detect landing.
 
-One kernel over all rows, `turn`, after the estimator has said where each aircraft believes to be.
+One kernel over all rows, `turn`, after the estimator has said where each aircraft believes to be. Attitude and thrust
+are controlled in each turn; guidance, position control and the landing detector run every `gains.SLOW_S`.
 """
 
 from __future__ import annotations
@@ -8,21 +9,28 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numpy.typing import NDArray
-
 from skyrange.agent.contracts import Floats
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.control import fly, relax, stand
-from skyrange.vehicle.builtin.guidance import begin_leg, face, guide
-from skyrange.vehicle.builtin.layout import Control, Flag, Records
-from skyrange.vehicle.builtin.shaping import ramp_time
+from skyrange.vehicle.builtin import attitude, gains, sticks
+from skyrange.vehicle.builtin.control import climb, horizontal, lift, relax, turn_motors
+from skyrange.vehicle.builtin.gains import SLOW_S
+from skyrange.vehicle.builtin.guidance import guide
+from skyrange.vehicle.builtin.heading import turn as turn_nose
+from skyrange.vehicle.builtin.layout import Control, Flag, Heading, Records
 
 _OFF = int(Control.OFF)
 _IDLE = int(Control.IDLE)
 _TAKEOFF = int(Control.TAKEOFF)
+_LAND = int(Control.LAND)
+_ATTITUDE = int(Control.ATTITUDE)
+_STABILIZE = int(Control.STABILIZE)
+_ALT_HOLD = int(Control.ALT_HOLD)
+_LOITER = int(Control.LOITER)
+_HOLD = int(Heading.HOLD)
 _LIFTED = int(Flag.LIFTED)
 _LANDED = int(Flag.LANDED)
 _CRASHED = int(Flag.CRASHED)
+_CDEG = math.pi / 18_000.0
 # land_detector.cpp and config.h (LAND_DETECTOR_*, LAND_CHECK_*)
 _LAND_S = 1.0
 _LAND_ACCEL_MPS2 = 1.0
@@ -30,43 +38,105 @@ _LAND_CLIMB_MPS = 1.0
 _LAND_HEIGHT_M = 2.0
 _LAND_TILT_RAD = math.radians(15.0)
 _LAND_TILT_ERROR_RAD = math.radians(30.0)
-_LAND_FILTER_HZ = 1.0
+_LAND_FILTER_S = 1.0 / (2.0 * math.pi * 1.0)  # LAND_DETECTOR_ACCEL_LPF_CUTOFF, 1 Hz
 _RELAX_TC_S = 0.16  # AC_PosControl.cpp POSCONTROL_RELAX_TC
 # crash_check.cpp (CRASH_CHECK_*)
 _CRASH_S = 2.0
 _CRASH_ACCEL_MPS2 = 3.0
 _CRASH_SPEED_MPS = 10.0
+_EARLY_S = 1e-9  # what rounding may take off a sum of steps
 
 
 @kernel
 def take_reference(e: Any, f: Any) -> None:
-    """Put the reference where the aircraft is, moving as it moves."""
+    """Put the reference where the aircraft is, moving and pointing as it does."""
     for axis in range(3):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
         f.ref_acc[axis] = 0.0
-    f.ref_yaw = e.yaw
-    f.target_yaw = e.yaw
-    f.ref_yaw_rate = 0.0
+    f.lean[0] = e.roll
+    f.lean[1] = e.pitch
+    f.lean_rate[0] = 0.0
+    f.lean_rate[1] = 0.0
+    attitude.start(e, f)
 
 
 @kernel
-def _rise(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> None:
-    """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
+def _spool(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> bool:
+    """Bring the motors from ground idle to their range (AP_MotorsMulticopter::output_logic); whether they are there."""
     take_reference(e, f)
     relax(f)
-    if f.spool < 1.0:
-        f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
-        f.throttle = 0.0
-        for motor in range(out.shape[0]):
-            out[motor] = p.MOT_SPIN_ARM + (p.MOT_SPIN_MIN - p.MOT_SPIN_ARM) * f.spool
+    if f.spool >= 1.0:
+        return True
+    f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
+    f.throttle = 0.0
+    _idle(f, p, out, p.MOT_SPIN_ARM + (p.MOT_SPIN_MIN - p.MOT_SPIN_ARM) * f.spool)
+    return False
+
+
+@kernel
+def _idle(f: Any, p: Any, out: Any, command: float) -> None:
+    for motor in range(out.shape[0]):
+        out[motor] = command
+
+
+@kernel
+def _stand(e: Any, f: Any, g: Any, out: Any, throttle: float) -> None:
+    """Stay level at a given throttle on the ground, before lift-off."""
+    f.throttle = throttle
+    f.att_rate[0] = 0.0
+    f.att_rate[1] = 0.0
+    f.att_rate[2] = 0.0
+    turn_motors(e, f, g, out, False, False)
+    for axis in range(3):
+        f.rate_i[axis] = 0.0
+
+
+@kernel
+def _lift_off(f: Any) -> None:
+    f.landed = 0
+    f.land_s = 0.0
+    f.flags |= _LIFTED
+    f.slow_s = 1e9
+
+
+@kernel
+def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, dt_s: float) -> None:
+    """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
+    if not _spool(e, f, p, out, dt_s):
         return
-    stand(e, f, p, out, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0), dt_s)
+    level = math.sqrt(e.quat[0] * e.quat[0] + e.quat[3] * e.quat[3])
+    if level > 0.0:  # upright, as it stands
+        f.att[0] = e.quat[0] / level
+        f.att[1] = 0.0
+        f.att[2] = 0.0
+        f.att[3] = e.quat[3] / level
+    _stand(e, f, g, out, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
     if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
-        f.landed = 0
-        f.land_s = 0.0
-        f.flags |= _LIFTED
         f.throttle_i = f.throttle - p.MOT_THST_HOVER
+        _lift_off(f)
+
+
+@kernel
+def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, dt_s: float) -> None:
+    """On the ground in a pilot's mode: motors idle until the throttle is raised."""
+    if f.control == _STABILIZE:
+        if sticks.throttle_zero(f, dt_s):
+            f.spool = 0.0
+            f.throttle = 0.0
+            take_reference(e, f)
+            _idle(f, p, out, p.MOT_SPIN_ARM)
+        elif _spool(e, f, p, out, dt_s):
+            _lift_off(f)
+    elif sticks.climb_rate(f, p) > 0.0:
+        sticks.throttle_zero(f, dt_s)
+        _rise(e, f, p, g, out, dt_s)
+    else:
+        sticks.throttle_zero(f, dt_s)
+        f.spool = 0.0
+        f.throttle = 0.0
+        take_reference(e, f)
+        _idle(f, p, out, p.MOT_SPIN_ARM)
 
 
 @kernel
@@ -76,19 +146,21 @@ def _soften(e: Any, f: Any, dt_s: float) -> None:
     ArduCopter waits for its landing criteria to be met once, and only stops the integral: in a wind that takes more
     lean than they allow it would stand with turning motors for ever.
     """
-    share = dt_s / (dt_s + _RELAX_TC_S)
+    part = dt_s / (dt_s + _RELAX_TC_S)
     for axis in range(2):
-        f.ref_pos[axis] += (e.pos[axis] - f.ref_pos[axis]) * share
-        f.vel_i[axis] -= f.vel_i[axis] * share
+        f.ref_pos[axis] += (e.pos[axis] - f.ref_pos[axis]) * part
+        f.vel_i[axis] -= f.vel_i[axis] * part
 
 
 @kernel
 def _touch(e: Any, f: Any, dt_s: float) -> None:
     """Landed: least throttle, still and level for a second. Crashed: two seconds far from the wanted attitude."""
-    rc = 1.0 / (2.0 * math.pi * _LAND_FILTER_HZ)
+    f.tilt_target = attitude.whole_angle(0.5 - 0.5 * f.tilt_cos)
+    f.tilt_error = attitude.whole_angle(f.tilt_half2)
+    part = dt_s / (dt_s + _LAND_FILTER_S)
     size = 0.0
     for axis in range(3):
-        f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * dt_s / (dt_s + rc)
+        f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * part
         size += f.land_accel[axis] * f.land_accel[axis]
     pressed = (  # with no thrust and no acceleration, only the ground can hold it
         f.throttle <= 0.0
@@ -110,65 +182,126 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
     f.land_s = f.land_s + dt_s if still else 0.0
     if f.land_s >= _LAND_S:
         f.landed = 1
-        f.control = _IDLE
+        if f.control < _STABILIZE:
+            f.control = _IDLE
         f.spool = 0.0
         f.throttle = 0.0
         f.flags |= _LANDED
 
 
 @kernel
-def turn(estimate: Records, flight: Records, settings: Records, actuators: Floats, dt_s: float) -> int:
-    """One step for every row: writes (n, 4) commands 0…1; returns how many rows raised a flag newly."""
+def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
+    """The slow part of control: reference, position and height, and what attitude they ask for."""
+    control = f.control
+    guide(e, f, w, p, dt_s)
+    if control != _STABILIZE:
+        climb(e, f, g, dt_s)
+    most = p.ANGLE_MAX * _CDEG
+    if control in (_STABILIZE, _ALT_HOLD):
+        forward, left = sticks.lean(e, f, most, most)
+        acc_e, acc_n = sticks.to_local(e, forward, left)
+        attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
+        for axis in range(2):  # no place is held: where it comes back to holding one, it starts from here
+            f.ref_pos[axis] = e.pos[axis]
+            f.ref_vel[axis] = e.vel[axis]
+        return
+    if control == _ATTITUDE:
+        for axis in range(2):
+            f.ref_pos[axis] = e.pos[axis]
+            f.ref_vel[axis] = e.vel[axis]
+        if f.rates_only == 1:
+            for axis in range(3):
+                f.att_rate[axis] = f.want_rate[axis]
+            return
+        q = f.want_quat
+        f.tilt_cos = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
+        attitude.follow(f, g, dt_s)
+        return
+    correction = sticks.CORRECTION_MPS if control == _LOITER else max(f.speed_xy, 1.0)
+    if f.blind == 1:  # level, drifting with the wind
+        acc_e, acc_n = 0.0, 0.0
+    else:
+        acc_e, acc_n = horizontal(e, f, g, correction, dt_s)
+    if control == _LOITER:
+        attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
+        return
+    turning, yaw, yaw_rate = turn_nose(e, f, dt_s)
+    if f.sticks[2] != 0.0:  # a pilot may always turn the nose (AutoYaw::get_heading)
+        f.heading = _HOLD
+        turning = True
+        yaw_rate = sticks.yaw_rate(f, p)
+    attitude.aim(f, g, acc_e, acc_n, turning, yaw, yaw_rate, dt_s)
+
+
+@kernel
+def turn(
+    estimate: Records, flight: Records, legs: Records, tuned: Records, settings: Records, actuators: Floats, dt_s: float
+) -> int:
+    """One step for every row: writes (n, motors) commands 0…1; returns how many rows raised a flag newly."""
     flagged = 0
     for i in range(flight.shape[0]):
-        e: Any = estimate[i]
         f: Any = flight[i]
-        p: Any = settings[i]
         out = actuators[i]
+        control = f.control
         before = f.flags
-        if f.control == _OFF:
+        if control == _OFF:
             for motor in range(out.shape[0]):
                 out[motor] = 0.0
-        elif f.control == _IDLE:
+            continue
+        e: Any = estimate[i]
+        g: Any = tuned[i]
+        f.slow_s += dt_s
+        f.tune_s += dt_s
+        if f.tune_s >= gains.TUNE_S - _EARLY_S or g.dt_s != dt_s:
+            f.tune_s = 0.0
+            gains.tune(g, settings[i], dt_s)
+        if control == _IDLE:
             f.spool = 0.0
-            for motor in range(out.shape[0]):
-                out[motor] = p.MOT_SPIN_ARM
+            _idle(f, settings[i], out, settings[i].MOT_SPIN_ARM)
         elif f.landed == 1:
-            if f.control == _TAKEOFF:
-                _rise(e, f, p, out, dt_s)
+            if control == _TAKEOFF or (control == _ATTITUDE and f.want_climb > 0.0):
+                _rise(e, f, settings[i], g, out, dt_s)
+            elif control >= _STABILIZE:
+                _wait_for_pilot(e, f, settings[i], g, out, dt_s)
             else:
                 f.control = _IDLE
         else:
-            guide(e, f, p, dt_s)
-            fly(e, f, p, out, dt_s)
-            _touch(e, f, dt_s)
+            f.spool = 1.0
+            slow = f.slow_s >= SLOW_S - _EARLY_S
+            if slow:
+                slow_s = f.slow_s if f.slow_s < 2.0 * SLOW_S else max(SLOW_S, dt_s)
+                f.slow_s = 0.0
+                _steer(e, f, legs[i], settings[i], g, slow_s)
+            if control != _STABILIZE:
+                f.throttle = lift(e, f, g)
+                if f.rates_only == 0 or control != _ATTITUDE:
+                    attitude.advance(f, dt_s)
+                else:
+                    attitude.start_at(e, f)
+                turn_motors(
+                    e,
+                    f,
+                    g,
+                    out,
+                    control == _LAND and e.height < _LAND_HEIGHT_M,
+                    control == _ATTITUDE and f.rates_only == 1,
+                )
+            elif sticks.throttle_zero(f, dt_s):
+                f.throttle = 0.0
+                f.rate_i[0] = 0.0
+                f.rate_i[1] = 0.0
+                f.rate_i[2] = 0.0
+                attitude.start(e, f)
+                _idle(f, settings[i], out, settings[i].MOT_SPIN_ARM)
+            else:
+                f.throttle = sticks.throttle(f, settings[i])
+                attitude.advance(f, dt_s)
+                turn_motors(e, f, g, out, False, False)
+            if slow:
+                _touch(e, f, slow_s)
         if f.flags & ~before:
             flagged += 1
     return flagged
-
-
-@kernel
-def set_leg(
-    flight: Records,
-    settings: Records,
-    row: int,
-    goal: NDArray[Any],
-    fast: bool,
-    corner: bool,
-    turn_nose: bool,
-) -> None:
-    """`guidance.begin_leg` for one row; `turn_nose` faces along it."""
-    f: Any = flight[row]
-    p: Any = settings[row]
-    begin_leg(f, p, goal[0], goal[1], goal[2], fast, corner)
-    if turn_nose:
-        face(f, p, goal[0] - f.leg.origin[0], goal[1] - f.leg.origin[1])
-
-
-@kernel
-def braking_distance(speed: float, accel: float, jerk: float) -> float:
-    """How far a reference moves on while `begin_leg` brakes it off."""
-    return 0.5 * speed * ramp_time(speed, 0.0, accel, jerk)
 
 
 @kernel
@@ -182,7 +315,20 @@ def rest(flight: Records, row: int) -> None:
 
 
 @kernel
-def face_target(flight: Records, settings: Records, row: int) -> None:
-    """Turn one row's nose towards its target, where that is far enough to mean a direction."""
+def hold(estimate: Records, flight: Records, row: int) -> None:
+    """Put one row's reference where it is (AC_PosControl::init_NE_controller, init_U_controller)."""
+    e: Any = estimate[row]
     f: Any = flight[row]
-    face(f, settings[row], f.target_pos[0] - f.ref_pos[0], f.target_pos[1] - f.ref_pos[1])
+    for axis in range(3):
+        f.ref_pos[axis] = e.pos[axis]
+        f.ref_vel[axis] = e.vel[axis]
+        f.ref_acc[axis] = 0.0
+    f.limit[0] = 0.0
+    f.limit[1] = 0.0
+    f.slow_s = 1e9
+
+
+@kernel
+def loiter(estimate: Records, flight: Records, row: int) -> None:
+    """Begin LOITER for one row."""
+    sticks.begin_loiter(estimate[row], flight[row])

@@ -9,23 +9,40 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot
-from skyrange.vehicle.builtin.navigator import JUMP, LAND, RTL, SPEED, TAKEOFF, WAYPOINT
+from skyrange.vehicle.builtin.mission_kinds import (
+    DELAY,
+    JUMP,
+    LAND,
+    LOCATED,
+    NEAR,
+    ROI,
+    ROI_LOCATION,
+    ROI_NONE,
+    SET_HOME,
+    SPEED,
+    SPLINE,
+    SUPPORTED,
+    TAKEOFF,
+    TIME,
+    TO_ALT,
+    TURNS,
+    UNLIM,
+    WAIT,
+    WAYPOINT,
+    YAW,
+)
+from skyrange.vehicle.builtin.places import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES
 
 ACCEPTED = dialect.MAV_MISSION_ACCEPTED
+_U8, _U16 = 255, 65535
 _ALT_MAX_M = 83_000.0  # LOCATION_ALT_MAX_M
-_LOCATED = frozenset((WAYPOINT, LAND, TAKEOFF))
-_SUPPORTED = _LOCATED | {RTL, JUMP, SPEED}
-_FRAMES = frozenset(
-    (
-        dialect.MAV_FRAME_GLOBAL,
-        dialect.MAV_FRAME_GLOBAL_INT,
-        dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT,
-        dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-        dialect.MAV_FRAME_MISSION,
-    )
-)
+_FRAMES = ABSOLUTE_FRAMES | RELATIVE_FRAMES | TERRAIN_FRAMES | {dialect.MAV_FRAME_MISSION}
+_YAW_MAY_BE_NAN = frozenset((WAYPOINT, UNLIM, LAND, TAKEOFF))
+"""NaN leaves the yaw to the autopilot (sanity_check_params)."""
 _BAD_PARAM = (
     dialect.MAV_MISSION_INVALID_PARAM1,
     dialect.MAV_MISSION_INVALID_PARAM2,
@@ -33,19 +50,23 @@ _BAD_PARAM = (
     dialect.MAV_MISSION_INVALID_PARAM4,
 )
 
+Params = tuple[float, float, float, float]
+
 
 def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
     """(MAV_MISSION_RESULT, slot) of a MISSION_ITEM_INT or a MISSION_ITEM; no slot unless accepted."""
     command = message.command
     params = (message.param1, message.param2, message.param3, message.param4)
     for place, (value, bad) in enumerate(zip(params, _BAD_PARAM, strict=True)):
-        yaw = place == 3 and command in _LOCATED  # NaN leaves the yaw to the autopilot
+        yaw = place == 3 and command in _YAW_MAY_BE_NAN
         if math.isinf(value) or (math.isnan(value) and not yaw):
             return bad, None
-    if command not in _SUPPORTED:
+    if command <= 1:
+        return dialect.MAV_MISSION_INVALID, None
+    if command not in SUPPORTED:
         return dialect.MAV_MISSION_UNSUPPORTED, None
     x, y, z = message.x, message.y, message.z
-    if command in _LOCATED:
+    if command in LOCATED:
         whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT
         lat, lon = (x * 1e-7, y * 1e-7) if whole else (x, y)
         if not -90.0 <= lat <= 90.0:
@@ -58,16 +79,46 @@ def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
             return dialect.MAV_MISSION_UNSUPPORTED_FRAME, None
         if not whole:
             x, y = round(x * 1e7), round(y * 1e7)
+        z = int(np.float32(z) * np.float32(100.0)) / 100.0  # whole centimetres
     else:
         x, y, z = 0, 0, 0.0
-    yaw_or_zero = 0.0 if math.isnan(params[3]) else params[3]
-    slot = Slot(command, message.frame, *params[:3], yaw_or_zero, x, y, z, message.autocontinue, causes)
-    if command == WAYPOINT:  # 16 bits of seconds, as ArduPilot keeps it
-        slot.param1 = float(int(min(max(slot.param1, 0.0), 65535.0)))
-    elif command == JUMP:
-        slot.param1 = float(int(min(max(slot.param1, 0.0), 65535.0)))
-        slot.param2 = float(int(min(max(slot.param2, -1.0), 32767.0)))
-    return ACCEPTED, slot
+    return ACCEPTED, Slot(command, message.frame, *stored(command, params), x, y, z, message.autocontinue, causes)
+
+
+def _whole(value: float, low: int, high: int) -> float:
+    return float(int(min(max(value, low), high)))
+
+
+def stored(command: int, params: Params) -> Params:
+    """What ArduPilot keeps of an item's parameters in its 15 bytes (mavlink_int_to_mission_cmd), as it reads back.
+
+    A waypoint's acceptance radius, pass-by distance and yaw are not kept: WPNAV_RADIUS holds for all.
+    """
+    a, b, c, d = params
+    if command in (WAYPOINT, SPLINE, LAND, TAKEOFF, SET_HOME, ROI, ROI_LOCATION, ROI_NONE):
+        return _whole(a, 0, _U16), 0.0, 0.0, 0.0
+    if command == UNLIM:
+        return 0.0, 0.0, math.copysign(_whole(abs(c), 0, _U16), c), 0.0
+    if command == TURNS:
+        turns = int(a * 256.0) / 256.0 if 0.0 < a < 1.0 else _whole(a, 0, _U8)
+        radius = abs(c)
+        radius = _whole(radius, 0, _U8) if radius <= _U8 else 10.0 * _whole(radius * 0.1, 0, _U8)
+        return turns, 0.0, math.copysign(radius, c), float(d > 0.0)
+    if command == TIME:
+        return _whole(a, 0, _U16), 0.0, -1.0 if c < 0.0 else 1.0, float(d > 0.0)
+    if command == TO_ALT:
+        return 0.0, math.copysign(_whole(abs(b), 0, _U16), b), 0.0, float(d > 0.0)
+    if command == DELAY:
+        return a, _whole(b, -128, 127), _whole(c, -128, 127), _whole(d, -128, 127)
+    if command == JUMP:
+        return _whole(a, 0, _U16), _whole(b, -1, 32767), 0.0, 0.0
+    if command == SPEED:
+        return _whole(a, 0, _U8), b, c, 0.0
+    if command == YAW:
+        return a, b, _whole(c, -128, 127), _whole(d, 0, _U8)
+    if command in (WAIT, NEAR):
+        return a, 0.0, 0.0, 0.0
+    return 0.0, 0.0, 0.0, 0.0  # RETURN_TO_LAUNCH, DO_LAND_START
 
 
 def item_message(fleet: Fleet, craft: Craft, seq: int, partner: tuple[int, int], whole: bool) -> Any:

@@ -16,6 +16,7 @@ from skyrange.vehicle.builtin import navigator
 from skyrange.vehicle.builtin.fence_items import FENCE
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
+from skyrange.vehicle.builtin.mission_kinds import JUMP
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.rally import RALLY
 from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner
@@ -38,7 +39,7 @@ def _put(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
     if slot is None:
         return result
     count = len(craft.mission)
-    if slot.command == navigator.JUMP:
+    if slot.command == JUMP:
         target = int(slot.param1)
         if target == 0 or (target >= count and target > upload.last):
             return int(dialect.MAV_MISSION_ERROR)

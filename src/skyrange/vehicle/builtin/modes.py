@@ -1,23 +1,50 @@
-"""Which flight modes are there? ArduCopter's numbers and names (ArduCopter/mode.h), and whether one arms in them.
-
-STABILIZE is the mode at boot, as in ArduCopter, and only that: flying it takes a pilot's stick, and there is no
-radio control here. So it is neither armed in nor entered when armed.
-"""
+"""Which flight modes are there? ArduCopter's numbers and names (ArduCopter/mode.h), and what holds of each."""
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import IntEnum, StrEnum
+from typing import Final
+
+from skyrange.vehicle.builtin.layout import Control
 
 
 class Mode(IntEnum):
     """HEARTBEAT.custom_mode."""
 
     STABILIZE = 0
+    ALT_HOLD = 2
     AUTO = 3
     GUIDED = 4
+    LOITER = 5
     RTL = 6
     LAND = 9
     BRAKE = 17
+
+
+class ModeReason(StrEnum):
+    """Why a mode was entered: the `reason` of `event.mode`, named as AP_Vehicle/ModeReason.h names it."""
+
+    RC_COMMAND = "rc_command"
+    GCS_COMMAND = "gcs_command"
+    RADIO_FAILSAFE = "radio_failsafe"
+    BATTERY_FAILSAFE = "battery_failsafe"
+    GCS_FAILSAFE = "gcs_failsafe"
+    EKF_FAILSAFE = "ekf_failsafe"
+    GPS_GLITCH = "gps_glitch"
+    MISSION_END = "mission_end"
+    FENCE_BREACHED = "fence_breached"
+    TERRAIN_FAILSAFE = "terrain_failsafe"
+    BRAKE_TIMEOUT = "brake_timeout"
+    MISSION_CMD = "mission_cmd"
+    DEADRECKON_FAILSAFE = "deadreckon_failsafe"
+
+
+PILOTED: Final = {
+    int(Mode.STABILIZE): Control.STABILIZE,
+    int(Mode.ALT_HOLD): Control.ALT_HOLD,
+    int(Mode.LOITER): Control.LOITER,
+}
+"""Modes that a pilot's sticks fly, and how."""
 
 
 def known(number: int) -> Mode | None:
@@ -26,8 +53,8 @@ def known(number: int) -> Mode | None:
 
 
 def armable(mode: int, auto_options: int) -> bool:
-    """Whether the ground station may arm in a mode: GUIDED, and AUTO where bit 0 of AUTO_OPTIONS is set.
+    """Whether the ground station may arm in a mode; in AUTO where bit 0 of AUTO_OPTIONS is set.
 
     After `allows_arming` of each mode (mode.h, mode_auto.cpp).
     """
-    return mode == Mode.GUIDED or (mode == Mode.AUTO and bool(auto_options & 1))
+    return mode in PILOTED or mode == Mode.GUIDED or (mode == Mode.AUTO and bool(auto_options & 1))

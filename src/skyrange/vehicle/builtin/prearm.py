@@ -47,6 +47,7 @@ class Bit(IntFlag):
     COMPASS = 1 << 2
     GPS = 1 << 3
     INS = 1 << 4
+    RC = 1 << 6
     VOLTAGE = 1 << 7
     BATTERY = 1 << 8
     MISSION = 1 << 14

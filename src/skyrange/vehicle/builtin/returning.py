@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin import fence, loop, rally
+from skyrange.vehicle.builtin import facing, fence, loop, places, rally, wpnav
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, Stage, Timer
-from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.layout import Control, Heading
 
 _ALT_MIN_M = 0.3  # config.h RTL_ALT_MIN
 _CONE_MIN = 0.5  # config.h RTL_MIN_CONE_SLOPE
@@ -28,24 +26,13 @@ def start(fleet: Fleet, craft: Craft) -> None:
     if speed > 0.0:
         fleet.flight["speed_xy"][craft.row] = speed
     craft.stage = Stage.CLIMB
-    east, north, up = stopping_point(fleet, craft)
-    loop.set_leg(
-        fleet.flight, fleet.settings, craft.row, np.array((east, north, _height(fleet, craft, east, north, up))),
-        False, False, False,
-    )  # fmt: skip
+    facing.default(fleet, craft, returning=True)
+    east, north, up = wpnav.rest_at(fleet.estimate, fleet.flight, fleet.settings, craft.row)
+    _leg(fleet, craft, (east, north, _height(fleet, craft, east, north, up)), True)
 
 
-def stopping_point(fleet: Fleet, craft: Craft) -> tuple[float, float, float]:
-    """Where the reference comes to rest when it brakes now: what a new leg starts from."""
-    row, flight = craft.row, fleet.flight
-    velocity = flight["ref_vel"][row].tolist()
-    position = flight["ref_pos"][row].tolist()
-    speed = math.hypot(*velocity)
-    if speed < 1e-6:
-        return position[0], position[1], position[2]
-    length = loop.braking_distance(speed, float(flight["accel_xy"][row]), fleet.param(craft, "PSC_JERK_XY"))
-    east, north, up = (p + v / speed * length for p, v in zip(position, velocity, strict=True))
-    return east, north, up
+def _leg(fleet: Fleet, craft: Craft, goal: tuple[float, float, float], anew: bool) -> None:
+    wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(goal), anew)
 
 
 def _height(fleet: Fleet, craft: Craft, east: float, north: float, up: float) -> float:
@@ -66,9 +53,8 @@ def arrived(fleet: Fleet, craft: Craft) -> None:
     if craft.stage == Stage.CLIMB:
         craft.stage = Stage.RETURN
         up = float(fleet.flight["target_pos"][craft.row, 2])
-        goal = np.array((craft.return_to[0], craft.return_to[1], up))
-        turn_nose = fleet.param(craft, "WP_YAW_BEHAVIOR") == 1
-        loop.set_leg(fleet.flight, fleet.settings, craft.row, goal, False, False, turn_nose)
+        facing.default(fleet, craft, returning=True)
+        _leg(fleet, craft, (craft.return_to[0], craft.return_to[1], up), False)
     elif craft.stage == Stage.RETURN:
         craft.stage = Stage.LOITER
         fleet.timer(craft, Timer.HOLD, fleet.now + int(fleet.param(craft, "RTL_LOIT_TIME")) * NS_PER_MS)
@@ -77,11 +63,12 @@ def arrived(fleet: Fleet, craft: Craft) -> None:
 def waited(fleet: Fleet, craft: Craft) -> None:
     """The wait above home is over: land, or descend to RTL_ALT_FINAL and stay."""
     final = fleet.param(craft, "RTL_ALT_FINAL") * 0.01
+    facing.set_kind(fleet, craft, Heading.HOLD)
     if final <= 0.0:
         craft.stage = Stage.LAND
         fleet.limits(craft)
+        loop.hold(fleet.estimate, fleet.flight, craft.row)
         fleet.fly(craft, Control.LAND)
         return
     craft.stage = Stage.DESCEND
-    goal = np.array((craft.return_to[0], craft.return_to[1], craft.home[2] + final))
-    loop.set_leg(fleet.flight, fleet.settings, craft.row, goal, False, False, False)
+    _leg(fleet, craft, (craft.return_to[0], craft.return_to[1], craft.home[2] + final), False)

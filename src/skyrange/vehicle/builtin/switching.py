@@ -10,12 +10,12 @@ from collections.abc import Callable
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import fence, navigator, position, returning
+from skyrange.vehicle.builtin import facing, fence, loop, navigator, position, returning, sticks_in, targets
 from skyrange.vehicle.builtin.arming import idle_end
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
-from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.layout import Control, Heading
 from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE, NEEDS_POSITION
-from skyrange.vehicle.builtin.modes import Mode, known
+from skyrange.vehicle.builtin.modes import PILOTED, Mode, known
 
 _BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z
 _BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
@@ -23,8 +23,6 @@ _BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
 
 def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
     """Why an armed craft may not enter a mode, or ""."""
-    if mode == Mode.STABILIZE:
-        return "no radio control"
     if mode in NEEDS_POSITION and not position.ok(fleet, craft):
         return "requires position"
     if craft.mode in MANUAL_THROTTLE and mode not in MANUAL_THROTTLE and not position.height_ok(fleet, craft):
@@ -37,11 +35,16 @@ def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
         if fleet.landed(craft) and not navigator.starts_with_takeoff(craft):
             fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto: Missing Takeoff Cmd")
             return "init failed"
+    by_hand = mode in MANUAL_THROTTLE and craft.mode not in MANUAL_THROTTLE and fleet.landed(craft)
+    if by_hand and sticks_in.thrust(fleet, craft) > 0.5 * fleet.param(craft, "MOT_THST_HOVER"):
+        return "throttle too high"  # it must not leap off the ground (get_non_takeoff_throttle)
     return ""
 
 
 def _hold(fleet: Fleet, craft: Craft) -> None:
+    loop.hold(fleet.estimate, fleet.flight, craft.row)
     fleet.limits(craft)
+    facing.set_kind(fleet, craft, Heading.HOLD)
     fleet.fly(craft, Control.VELOCITY)
 
 
@@ -55,16 +58,42 @@ def _brake(fleet: Fleet, craft: Craft) -> None:
 
 
 def _land(fleet: Fleet, craft: Craft) -> None:
-    fleet.limits(craft)
+    _hold(fleet, craft)
     craft.stage = Stage.LAND
     fleet.fly(craft, Control.LAND)
     fleet.flight["blind"][craft.row] = not position.ok(fleet, craft)
 
 
+def _pilot(fleet: Fleet, craft: Craft) -> None:
+    """The sticks take over, from where it is."""
+    control = PILOTED[craft.mode]
+    row, flight = craft.row, fleet.flight
+    pilot_limits(fleet, craft)
+    facing.set_kind(fleet, craft, Heading.HOLD)
+    if not fleet.landed(craft):
+        loop.hold(fleet.estimate, flight, row)
+        loop.loiter(fleet.estimate, flight, row)
+    fleet.fly(craft, control)
+
+
+def pilot_limits(fleet: Fleet, craft: Craft) -> None:
+    """Speeds and accelerations as the PILOT and LOIT parameters say (mode_loiter.cpp, mode_althold.cpp)."""
+    row, flight = craft.row, fleet.flight
+    fleet.limits(craft)
+    up = fleet.param(craft, "PILOT_SPEED_UP") * 0.01
+    flight["speed_up"][row] = up
+    flight["speed_down"][row] = fleet.param(craft, "PILOT_SPEED_DN") * 0.01 or up
+    flight["accel_z"][row] = fleet.param(craft, "PILOT_ACCEL_Z") * 0.01
+    if craft.mode == Mode.LOITER:
+        flight["accel_xy"][row] = fleet.param(craft, "LOIT_ACC_MAX") * 0.01
+
+
 _ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
-    Mode.STABILIZE: _hold,
+    Mode.STABILIZE: _pilot,
+    Mode.ALT_HOLD: _pilot,
     Mode.AUTO: _hold,
-    Mode.GUIDED: _hold,
+    Mode.GUIDED: targets.halt,
+    Mode.LOITER: _pilot,
     Mode.RTL: returning.start,
     Mode.LAND: _land,
     Mode.BRAKE: _brake,
@@ -73,7 +102,10 @@ _ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
 
 
 def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Causes) -> bool:
-    """Change the mode; `False` and a text where it is refused. The present mode again changes nothing."""
+    """Change the mode; `False` and a text where it is refused. The present mode again changes nothing.
+
+    `reason` is a `modes.ModeReason`.
+    """
     if number == craft.mode:
         craft.mode_reason = reason
         return True
@@ -87,14 +119,14 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Mode change to {mode.name} failed: {why}", causes)
         return False
     if craft.mode == Mode.AUTO:
-        navigator.stop(craft)
+        navigator.stop(fleet, craft)
     craft.mode = mode
     craft.mode_causes = causes
     craft.mode_reason = reason
     craft.stage = Stage.NONE
     fleet.timer(craft, Timer.HOLD)
     fleet.timer(craft, Timer.STALE)
-    fleet.note("event.mode", craft, {"mode": mode.name, "number": int(mode), "reason": reason}, causes)
+    fleet.note("event.mode", craft, {"mode": mode.name, "number": int(mode), "reason": str(reason)}, causes)
     fence.mode_changed(fleet, craft)
     if armed and not fleet.landed(craft):
         fleet.flight["blind"][craft.row] = 0
@@ -102,6 +134,8 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     elif armed:
         fleet.limits(craft)
         fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is off
+        if mode in PILOTED:
+            _pilot(fleet, craft)
         if mode == Mode.LAND:
             fleet.timer(craft, Timer.LANDED, fleet.now + from_seconds(fleet.param(craft, "MOT_SPOOL_TIME")))
         else:

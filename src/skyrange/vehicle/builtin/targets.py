@@ -1,8 +1,9 @@
-"""Where does the ground station want a GUIDED aircraft? SET_POSITION_TARGET_LOCAL_NED and …_GLOBAL_INT.
+"""Where does the ground station want a GUIDED aircraft? SET_POSITION_TARGET_…, SET_ATTITUDE_TARGET.
 
-After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_message_set_position_target_…`) and mode_guided.cpp: positions,
-velocities or both; anything that makes no sense stops the aircraft. Acceleration targets, yaw and yaw rate are not
-taken. Velocities are held for GUID_TIMEOUT.
+After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_message_set_…_target…`) and
+mode_guided.cpp. Positions, velocities, accelerations and combinations of them, with a yaw or a yaw rate; what makes no
+sense stops the aircraft, as does a number that is not finite, which ArduPilot looks for in velocities only. All but
+positions hold for GUID_TIMEOUT.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin import facing, loop, places, wpnav
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 
-_POS_IGNORE, _VEL_IGNORE, _ACC_IGNORE, _FORCE = 0b111, 0b111000, 0b111000000, 0b1000000000
+_POS_IGNORE, _VEL_IGNORE, _ACC_IGNORE = 0b111, 0b111 << 3, 0b111 << 6
+_FORCE, _YAW_IGNORE, _YAW_RATE_IGNORE = 1 << 9, 1 << 10, 1 << 11
 _LOCAL_FRAMES = frozenset(
     (
         dialect.MAV_FRAME_LOCAL_NED,
@@ -27,49 +29,63 @@ _LOCAL_FRAMES = frozenset(
     )
 )
 _BODY_FRAMES = frozenset((dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_OFFSET_NED))
-_RELATIVE = frozenset((dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT))
-_ABSOLUTE = frozenset((dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT))
-_FAR_M = 1e6
+_RATES_IGNORE, _THRUST_IGNORE, _ATTITUDE_IGNORE = 0b111, 1 << 6, 1 << 7
+FAR_M = 1e6
 """Farther than any local frame means: such a target is taken as senseless."""
 _FAST_MPS = 1e3
+"""GCS_MAVLINK_Copter::sane_vel_or_acc_vector."""
+_UNIT = 1e-3
+_SPIN_RADPS = 20.0
+_WAYPOINTS = 1 << 6  # GUID_OPTIONS: positions are flown as waypoints
+_MOVING = frozenset((Control.VELOCITY, Control.TRACK, Control.ACCEL, Control.ATTITUDE))
 
 Vector = tuple[float, float, float]
+_NONE: Vector = (0.0, 0.0, 0.0)
 
 
 def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
     """SET_POSITION_TARGET_LOCAL_NED: north, east, down of the origin, of the craft, or of its nose."""
     if craft.mode != Mode.GUIDED:
         return
-    frame = message.coordinate_frame
+    frame, mask = message.coordinate_frame, message.type_mask
     if frame not in _LOCAL_FRAMES:
-        _act(fleet, craft, None, None, causes)
+        stop(fleet, craft, causes)
         return
-    position = velocity = None
-    if message.type_mask & _POS_IGNORE == 0:
+    position = velocity = accel = None
+    if mask & _POS_IGNORE == 0:
         position = _enu(fleet, craft, frame, message.x, message.y, message.z)
-        if position and frame != dialect.MAV_FRAME_LOCAL_NED:
+        if frame != dialect.MAV_FRAME_LOCAL_NED:
             here = fleet.position(craft)
             position = (position[0] + here[0], position[1] + here[1], position[2] + here[2])
-    if message.type_mask & _VEL_IGNORE == 0:
+    if mask & _VEL_IGNORE == 0:
         velocity = _enu(fleet, craft, frame, message.vx, message.vy, message.vz)
-    _act(fleet, craft, position, velocity, causes, message.type_mask)
+    if mask & _ACC_IGNORE == 0:
+        accel = _enu(fleet, craft, frame, message.afx, message.afy, message.afz)
+    yaw = None if mask & _YAW_IGNORE else message.yaw
+    rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
+    _act(fleet, craft, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
 
 
 def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above the sea or above home."""
+    """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above the sea, home or the ground."""
     if craft.mode != Mode.GUIDED:
         return
-    position = velocity = None
-    if message.type_mask & _POS_IGNORE == 0:
-        frame = message.coordinate_frame
-        lat, lon = message.lat_int * 1e-7, message.lon_int * 1e-7
-        if -90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0 and frame in _RELATIVE | _ABSOLUTE:
-            east, north = fleet.origin.enu_of(lat, lon)
-            datum = craft.home[2] if frame in _RELATIVE else -fleet.origin.alt_msl_m
-            position = (east, north, message.alt + datum)
-    if message.type_mask & _VEL_IGNORE == 0:
+    frame, mask = message.coordinate_frame, message.type_mask
+    position = velocity = accel = None
+    if mask & _POS_IGNORE == 0:
+        position = places.enu(fleet, craft, frame, message.lat_int, message.lon_int, message.alt)
+        if position is None or (mask & _VEL_IGNORE == 0 and frame in places.TERRAIN_FRAMES):
+            stop(fleet, craft, causes)
+            return
+    if mask & _VEL_IGNORE == 0:
         velocity = (message.vy, message.vx, -message.vz)
-    _act(fleet, craft, position, velocity, causes, message.type_mask)
+    if mask & _ACC_IGNORE == 0:
+        accel = (message.afy, message.afx, -message.afz)
+    yaw = None if mask & _YAW_IGNORE else message.yaw
+    rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
+    if position is not None and velocity is not None and accel is not None:
+        accel = _NONE  # set_destination_posvel takes none
+    _act(fleet, craft, position, velocity, accel, (yaw, rate, False), causes, mask)
 
 
 def _enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -> Vector:
@@ -80,36 +96,177 @@ def _enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -
     return x * math.cos(yaw) + y * math.sin(yaw), x * math.sin(yaw) - y * math.cos(yaw), -z
 
 
-def _sane(vector: Vector | None, most: float) -> bool:
-    return vector is not None and all(abs(part) <= most for part in vector)
+def sane(vector: Vector | None, most: float) -> bool:
+    """Whether a vector, if there is one, is finite and not absurd."""
+    return vector is None or all(abs(part) <= most for part in vector)
 
 
 def _act(
-    fleet: Fleet, craft: Craft, position: Vector | None, velocity: Vector | None, causes: Causes, mask: int = 0
+    fleet: Fleet,
+    craft: Craft,
+    position: Vector | None,
+    velocity: Vector | None,
+    accel: Vector | None,
+    yaw: tuple[float | None, float | None, bool],
+    causes: Causes,
+    mask: int,
 ) -> None:
-    """Fly to the position, with or at the velocity; stop where the mask's choice is not met by sane numbers."""
+    """Do what the combination of fields asks for; stop where it asks for none that there is, or for no number."""
+    good = sane(position, FAR_M) and sane(velocity, _FAST_MPS) and sane(accel, _FAST_MPS)
+    good = good and all(part is None or math.isfinite(part) for part in yaw[:2])
+    forced = bool(mask & _FORCE) and accel is not None
+    alone = position is not None and velocity is None and accel is not None
+    if not good or forced or alone or (position is None and velocity is None and accel is None):
+        stop(fleet, craft, causes)
+        return
     if not fleet.armed(craft) or fleet.landed(craft):
         return
-    wants_position, wants_velocity = mask & _POS_IGNORE == 0, mask & _VEL_IGNORE == 0
-    sane = not (mask & _FORCE and mask & _ACC_IGNORE == 0)
-    sane = sane and (not wants_position or _sane(position, _FAR_M))
-    sane = sane and (not wants_velocity or _sane(velocity, _FAST_MPS))
     craft.target_causes = causes
-    fleet.timer(craft, Timer.STALE)
-    if not sane or not (wants_position or wants_velocity):
-        fleet.fly(craft, Control.VELOCITY)
+    if position is not None and velocity is not None:
+        _begin(fleet, craft, Control.TRACK)
+        fleet.fly(craft, Control.TRACK, velocity)
+        fleet.flight["target_pos"][craft.row] = position
+    elif position is not None:
+        go_to(fleet, craft, position)
+    elif velocity is not None:
+        _begin(fleet, craft, Control.VELOCITY)
+        fleet.fly(craft, Control.VELOCITY, velocity)
+    else:
+        _begin(fleet, craft, Control.ACCEL)
+        fleet.fly(craft, Control.ACCEL)
+    if accel is not None:
+        fleet.flight["target_acc"][craft.row] = accel
+    _face(fleet, craft, *yaw)
+    _until_stale(fleet, craft)
+
+
+def _begin(fleet: Fleet, craft: Craft, control: Control) -> None:
+    """Another kind of target starts from where the craft is, at the limits of the WPNAV parameters."""
+    if fleet.control(craft) != control:
+        loop.hold(fleet.estimate, fleet.flight, craft.row)
+        fleet.limits(craft)
+        facing.default(fleet, craft)
+
+
+def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:
+    """Fly to a place and stay."""
+    if int(fleet.param(craft, "GUID_OPTIONS")) & _WAYPOINTS:
+        anew = fleet.control(craft) != Control.LEG
+        if anew:
+            fleet.limits(craft)
+        wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(position), anew)
         return
-    if velocity is not None:
-        fleet.timer(craft, Timer.STALE, fleet.now + from_seconds(fleet.param(craft, "GUID_TIMEOUT")))
-    if position is None:
-        fleet.fly(craft, Control.VELOCITY, velocity or (0.0, 0.0, 0.0))
-        return
-    fleet.fly(craft, Control.POSITION, velocity or (0.0, 0.0, 0.0))
+    _begin(fleet, craft, Control.POSITION)
+    fleet.fly(craft, Control.POSITION)
     fleet.flight["target_pos"][craft.row] = position
-    loop.face_target(fleet.flight, fleet.settings, craft.row)
+
+
+def _face(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, relative: bool) -> None:
+    """Turn as asked (ModeGuided::set_yaw_state_rad)."""
+    if yaw is not None and relative:
+        facing.turn(fleet, craft, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, True)
+    elif yaw is not None:
+        facing.angle_and_rate(fleet, craft, yaw, rate or 0.0)
+    elif rate is not None:
+        facing.rate(fleet, craft, rate)
+    else:
+        facing.default(fleet, craft)
+
+
+def stop(fleet: Fleet, craft: Craft, causes: Causes) -> None:
+    """Come to rest and hold (ModeGuided::init)."""
+    fleet.timer(craft, Timer.STALE)
+    if not fleet.armed(craft) or fleet.landed(craft):
+        return
+    craft.target_causes = causes
+    halt(fleet, craft)
+
+
+def halt(fleet: Fleet, craft: Craft) -> None:
+    """Hold at zero velocity from here on, at the limits of the WPNAV parameters."""
+    loop.hold(fleet.estimate, fleet.flight, craft.row)
+    fleet.limits(craft)
+    facing.default(fleet, craft)
+    fleet.fly(craft, Control.VELOCITY)
+
+
+def taken_off(fleet: Fleet, craft: Craft) -> None:
+    """The height of a take-off in GUIDED is reached: stay there."""
+    flight, row = fleet.flight, craft.row
+    flight["target_pos"][row, :2] = flight["ref_pos"][row, :2]
+    fleet.fly(craft, Control.POSITION)
+
+
+def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+    """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the fastest)."""
+    if craft.mode != Mode.GUIDED:
+        return
+    mask = message.type_mask
+    rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
+    quat = tuple(float(part) for part in message.q)
+    turned = not mask & _ATTITUDE_IGNORE
+    given = mask & _RATES_IGNORE
+    bad = bool(mask & _THRUST_IGNORE) or given not in (0, _RATES_IGNORE) or not math.isfinite(message.thrust)
+    bad = bad or (turned and not abs(math.fsum(part * part for part in quat) - 1.0) < _UNIT)
+    bad = bad or (given == 0 and not all(math.isfinite(part) for part in rates))
+    if bad:
+        stop(fleet, craft, causes)
+        return
+    thrust = min(max(message.thrust, 0.0), 1.0)
+    limit = "WPNAV_SPEED_UP" if thrust > 0.5 else "WPNAV_SPEED_DN"
+    climb_mps = (thrust - 0.5) * 2.0 * fleet.param(craft, limit) * 0.01
+    if not fleet.armed(craft) or (fleet.landed(craft) and climb_mps <= 0.0):
+        return
+    craft.target_causes = causes
+    row, flight = craft.row, fleet.flight
+    if fleet.control(craft) != Control.ATTITUDE:
+        loop.hold(fleet.estimate, flight, row)
+        fleet.limits(craft)
+        if fleet.landed(craft):
+            craft.ready = True
+            flight["spool"][row] = 0.0
+            flight["throttle"][row] = 0.0
+            loop.rest(flight, row)
+            fleet.timer(craft, Timer.IDLE)
+            flight["flags"][row] = flight["seen"][row] = 0
+        fleet.fly(craft, Control.ATTITUDE)
+    flight["want_climb"][row] = climb_mps
+    flight["rates_only"][row] = int(not turned)
+    forward, right, down = (min(max(part, -_SPIN_RADPS), _SPIN_RADPS) for part in rates) if given == 0 else _NONE
+    flight["want_rate"][row] = (forward, -right, -down)
+    if turned:
+        flight["want_quat"][row] = flu_enu(*quat)
+    _until_stale(fleet, craft)
+
+
+def flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """A quaternion front-right-down to north-east-down as front-left-up to east-north-up, of length 1."""
+    scale = math.sqrt(0.5 / (w * w + x * x + y * y + z * z))
+    # half a turn about the north-east line, the rotation, half a turn about the nose
+    a, b, c, d = w + z, x + y, x - y, w - z
+    return a * scale, b * scale, c * scale, d * scale
+
+
+def _until_stale(fleet: Fleet, craft: Craft) -> None:
+    fleet.timer(craft, Timer.STALE, fleet.now + from_seconds(max(fleet.param(craft, "GUID_TIMEOUT"), 0.1)))
 
 
 def stale(fleet: Fleet, craft: Craft) -> None:
-    """No new velocity came in time: stop (mode_guided.cpp, `get_timeout_ms`)."""
-    if craft.mode == Mode.GUIDED and fleet.control(craft) in (Control.VELOCITY, Control.POSITION):
-        fleet.flight["target_vel"][craft.row] = 0.0
+    """No new target came in time: stop moving, level out, stop turning (mode_guided.cpp, `get_timeout_ms`)."""
+    if craft.mode != Mode.GUIDED:
+        return
+    row, flight, control = craft.row, fleet.flight, fleet.control(craft)
+    if control not in (*_MOVING, Control.POSITION):
+        return
+    facing.stop_turning(fleet, craft)
+    if control == Control.ATTITUDE:
+        yaw = float(fleet.estimate["yaw"][row])
+        flight["want_quat"][row] = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+        flight["want_rate"][row] = 0.0
+        flight["want_climb"][row] = 0.0
+        flight["rates_only"][row] = 0
+        return
+    flight["target_vel"][row] = 0.0
+    flight["target_acc"][row] = 0.0
+    if control == Control.ACCEL:
+        fleet.fly(craft, Control.VELOCITY)

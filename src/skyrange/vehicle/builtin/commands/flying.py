@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin import loop, navigator
+from skyrange.vehicle.builtin import facing, navigator, targets
 from skyrange.vehicle.builtin.arming import FORCE, FORCE_ARM, arm, disarm, take_off
 from skyrange.vehicle.builtin.commands.command import (
     ACCEPTED,
@@ -27,12 +27,10 @@ from skyrange.vehicle.builtin.commands.command import (
 )  # fmt: skip
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer
 from skyrange.vehicle.builtin.home import announce
-from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.switching import set_mode
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
 
-_LOITER: Final = 5
 _SPEED_TYPES: Final = 4
 _CHANGE_MODE: Final = int(mav.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 _ALT_SENSE_M: Final = 1e5
@@ -91,7 +89,7 @@ def go_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) ->
 
 def loiter(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """NAV_LOITER_UNLIM: LOITER."""
-    return _enter(fleet, craft, _LOITER, command.causes)
+    return _enter(fleet, craft, Mode.LOITER, command.causes)
 
 
 def choose_mode(fleet: Fleet, craft: Craft, base_mode: int, number: int, causes: Causes) -> int:
@@ -140,15 +138,13 @@ def turn(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> in
 
     ArduCopter's automatic yaw does so in any mode, which shows in those that fly by themselves.
     """
-    angle, _, direction, relative = command.params
+    angle, rate, direction, relative = command.params
     if not 0.0 <= angle <= 360.0 or relative not in (0.0, 1.0):
         return FAILED
-    flight, row = fleet.flight, craft.row
-    if relative == 1.0:
-        sense = 1.0 if not direction < 0.0 else -1.0
-        flight["target_yaw"][row] -= sense * math.radians(angle)
-    else:
-        flight["target_yaw"][row] = math.radians(90.0 - angle)
+    if not (math.isfinite(rate) and math.isfinite(direction)):
+        return FAILED
+    sense = (direction > 0.0) - (direction < 0.0)
+    facing.turn(fleet, craft, angle, max(rate, 0.0), sense, relative == 1.0)
     return ACCEPTED
 
 
@@ -167,9 +163,8 @@ def reposition(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command)
     craft.target_causes = command.causes
     if fleet.armed(craft) and not fleet.landed(craft):
         fleet.timer(craft, Timer.STALE)
-        fleet.fly(craft, Control.POSITION)
-        fleet.flight["target_pos"][craft.row] = goal
-        loop.face_target(fleet.flight, fleet.settings, craft.row)
+        targets.go_to(fleet, craft, goal)
+        facing.default(fleet, craft)
     return ACCEPTED
 
 

@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin import fence, prearm
+from skyrange.vehicle.builtin import facing, fence, prearm
 from skyrange.vehicle.builtin.boot import reboot
 from skyrange.vehicle.builtin.commands.command import (
     ACCEPTED,
@@ -77,13 +77,19 @@ def enable_fence(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
 
 def look_at(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """DO_SET_ROI, DO_SET_ROI_LOCATION: a place to look at."""
-    if place(fleet, craft, command) is None:
+    where = place(fleet, craft, command)
+    if where is None:
         return DENIED
-    return ACCEPTED if on_earth(command.x, command.y) else FAILED
+    if not on_earth(command.x, command.y):
+        return FAILED
+    nowhere = command.x == 0 and command.y == 0 and command.z == 0.0
+    facing.look_at(fleet, craft, None if nowhere else where)
+    return ACCEPTED
 
 
 def look_ahead(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """DO_SET_ROI_NONE: look where the flight goes."""
+    facing.look_at(fleet, craft, None)
     return ACCEPTED
 
 

@@ -16,8 +16,8 @@ from __future__ import annotations
 from typing import Any
 
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.control import GRAVITY_MPS2
 from skyrange.vehicle.builtin.estimation.state import POS_VARIANCE_MAX, TARGET_DT_S, VARIANCE_MIN, VEL_VARIANCE_MAX
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.shaping import clamp
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.attitude import turn_by
 from skyrange.vehicle.builtin.estimation.state import News
 from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.layout import Records
@@ -43,7 +44,7 @@ def follow(filters: Records, flight: Records) -> None:
             f.ref_vel[axis] += k.shift_vel[axis]
             k.shift_pos[axis] = 0.0
             k.shift_vel[axis] = 0.0
-        f.ref_yaw = wrap_pi(f.ref_yaw + k.shift_yaw)
+        turn_by(f, k.shift_yaw)
         f.target_yaw = wrap_pi(f.target_yaw + k.shift_yaw)
         k.shift_yaw = 0.0
 

@@ -11,7 +11,6 @@ import math
 from typing import Any
 
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.control import GRAVITY_MPS2
 from skyrange.vehicle.builtin.estimation.state import (
     ACCEL_MAX_MPS2,
     GYRO_MAX_RADPS,
@@ -21,6 +20,7 @@ from skyrange.vehicle.builtin.estimation.state import (
     VEL_LIMIT_MPS,
     Aiding,
 )
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.shaping import clamp
 
 _NONE = int(Aiding.NONE)

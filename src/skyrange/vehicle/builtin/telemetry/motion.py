@@ -25,6 +25,7 @@ POSITION_KNOWN: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
 _LEG: Final = int(Control.LEG)
 _POSITION_CONTROL: Final = int(Control.POSITION)
 _TAKEOFF: Final = int(Control.TAKEOFF)
+_TRACK: Final = int(Control.TRACK)
 # POSITION_TARGET_TYPEMASK bits to ignore
 _POSITION: Final = 0b111
 _VELOCITY: Final = 0b111000
@@ -162,12 +163,18 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
     out["nav_roll"] = np.degrees(e["roll"][rows])
     out["nav_pitch"] = -np.degrees(e["pitch"][rows])
-    out["nav_bearing"] = held(np.degrees(columns.heading_rad(f["ref_yaw"][rows])), 180)
+    out["nav_bearing"] = held(np.degrees(columns.heading_rad(_yaw(f["att"][rows]))), 180)
     bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
     out["target_bearing"] = np.where(going, held(bearing, 180), 0)
     out["wp_dist"] = np.where(going, held(np.hypot(away[:, 0], away[:, 1]), U16), 0)
     out["alt_error"] = np.where(flying, behind[:, 2], 0.0)
     out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
+
+
+def _yaw(quats: Floats) -> Floats:
+    """The yaw of attitudes (n, 4)."""
+    w, x, y, z = quats.T
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def position_target_global_int(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -190,7 +197,8 @@ def has_place(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
     """POSITION_TARGET_LOCAL_NED of GUIDED: a place, a moving place, or a velocity."""
     f = fleet.flight
-    to_place = has_place(fleet, rows) | (f["control"][rows] == _TAKEOFF)
+    control = f["control"][rows]
+    to_place = has_place(fleet, rows) | (control == _TAKEOFF) | (control == _TRACK)
     place, vel = f["target_pos"][rows], f["target_vel"][rows]
     moving = to_place & (vel != 0.0).any(axis=1)
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)

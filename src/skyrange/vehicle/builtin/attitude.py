@@ -1,0 +1,385 @@
+"""How does an aircraft take an attitude? Shaped targets with feed-forward, angle and rate control, and the mixer.
+
+After libraries/AC_AttitudeControl/AC_AttitudeControl.cpp (`input_thrust_vector_heading_rad`,
+`input_thrust_vector_rate_heading_rads`, `attitude_controller_run_quat`, `update_ang_vel_target_from_att_error`), AC_PID
+and libraries/AP_Motors/AP_MotorsMatrix.cpp (`output_armed_stabilizing`). Targets are shaped when position control runs;
+between, they turn on at their rates. Rotations are split into a tilt and a turn about the thrust, as there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.shaping import clamp, sqrt_controller
+
+_TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
+_TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
+_TILT_FAR2 = math.sin(_TILT_ERROR_RAD) ** 2
+_YAW_HEADROOM = 0.2  # MOT_YAW_HEADROOM's 200 of 1000
+
+
+@kernel
+def _double_arcsine(s2: float) -> float:
+    """2·asin(s)/s by its series, exact to 1e-9 for squares up to 0.04."""
+    return 2.0 + s2 * (
+        1.0 / 3.0 + s2 * (3.0 / 20.0 + s2 * (15.0 / 168.0 + s2 * (105.0 / 1728.0 + s2 * 945.0 / 21120.0)))
+    )
+
+
+@kernel
+def whole_angle(s2: float) -> float:
+    """An angle from the squared sine of its half."""
+    s2 = clamp(s2, 0.0, 1.0)
+    s = math.sqrt(s2)
+    return s * _double_arcsine(s2) if s2 < 0.04 else 2.0 * math.asin(s)
+
+
+@kernel
+def _angle_over_sine(s: float, c: float) -> float:
+    """2·atan2(s, c) / s for the sine s ≥ 0 and cosine c of half an angle."""
+    return 2.0 * math.atan2(s, c) / s if s > 0.0 else 2.0
+
+
+@kernel
+def rotation(
+    aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float
+) -> tuple[float, float, float, float]:
+    """The rotation from attitude a to attitude b, seen from a: conj(a) times b, with w at least 0."""
+    w = aw * bw + ax * bx + ay * by + az * bz
+    x = aw * bx - ax * bw - ay * bz + az * by
+    y = aw * by + ax * bz - ay * bw - az * bx
+    z = aw * bz - ax * by + ay * bx - az * bw
+    if w < 0.0:
+        return -w, -x, -y, -z
+    return w, x, y, z
+
+
+@kernel
+def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+    """A rotation as (roll, pitch, yaw errors in rad, squared sine of half the tilt): tilted first, then turned about.
+
+    Small tilts and turns by series that are exact to 1e-9: asin(s)/(s·√(1-s²)) and 1/√(1-s²).
+    """
+    s2 = x * x + y * y
+    if s2 < 0.04:
+        ratio = 256.0 / 315.0 + s2 * (512.0 / 693.0 + s2 * 2048.0 / 3003.0)
+        ratio = 2.0 + s2 * (4.0 / 3.0 + s2 * (16.0 / 15.0 + s2 * (32.0 / 35.0 + s2 * ratio)))
+        scale = 1.0 + s2 * (0.5 + s2 * (0.375 + s2 * (0.3125 + s2 * (35.0 / 128.0 + s2 * (63.0 / 256.0)))))
+    else:
+        level = math.sqrt(w * w + z * z)
+        if level < 1e-9:  # upside down: any way over is as good
+            return math.pi, 0.0, 0.0, 1.0
+        scale = 1.0 / level
+        ratio = scale * _angle_over_sine(math.sqrt(s2), level)
+    tz = z * scale
+    z2 = tz * tz
+    near = z2 < 0.04 and w > 0.0
+    yaw = tz * (_double_arcsine(z2) if near else _angle_over_sine(abs(tz), w * scale))
+    return (x * w - y * z) * ratio, (y * w + x * z) * ratio, yaw, s2
+
+
+@kernel
+def cos_lean(e: Any) -> float:
+    """The cosine of the lean: how much of the thrust points up."""
+    return 1.0 - 2.0 * (e.quat[1] * e.quat[1] + e.quat[2] * e.quat[2])
+
+
+@kernel
+def start(e: Any, f: Any) -> None:
+    """Let the attitude target be the attitude, at rest (`reset_target_and_rate`)."""
+    for part in range(4):
+        f.att[part] = e.quat[part]
+    for axis in range(3):
+        f.att_rate[axis] = 0.0
+
+
+@kernel
+def start_at(e: Any, f: Any) -> None:
+    """Let the attitude target be the attitude, its rates staying (`input_rate_bf_roll_pitch_yaw_rads`)."""
+    for part in range(4):
+        f.att[part] = e.quat[part]
+
+
+@kernel
+def follow(f: Any, g: Any, dt_s: float) -> None:
+    """Shape the attitude target towards `want_quat`, which turns at `want_rate` (`input_quaternion`)."""
+    _turn_on(f.want_quat, f.want_rate, dt_s)
+    q = f.want_quat
+    steer(f, g, q[0], q[1], q[2], q[3], False, f.want_rate[2], dt_s)
+
+
+@kernel
+def turn_by(f: Any, yaw: float) -> None:
+    """Turn the attitude target about the vertical (`inertial_frame_reset`)."""
+    s = math.sin(0.5 * yaw)
+    c = math.cos(0.5 * yaw)
+    w = f.att[0]
+    x = f.att[1]
+    y = f.att[2]
+    z = f.att[3]
+    f.att[0] = c * w - s * z
+    f.att[1] = c * x - s * y
+    f.att[2] = c * y + s * x
+    f.att[3] = c * z + s * w
+
+
+@kernel
+def _shape(rate: float, wanted: float, accel: float, dt_s: float) -> float:
+    """`input_shaping_ang_vel`: towards a rate, within an angular acceleration."""
+    return rate + clamp(wanted - rate, -accel * dt_s, accel * dt_s)
+
+
+@kernel
+def aim(f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, yaw_rate: float, dt_s: float) -> None:
+    """Shape the attitude target towards a thrust direction and a heading (or, `turning`, a yaw rate alone).
+
+    The thrust is to point along the wanted acceleration, m/s², on top of gravity.
+    """
+    length = math.sqrt(acc_e * acc_e + acc_n * acc_n + GRAVITY_MPS2 * GRAVITY_MPS2)
+    # half-angle form of the shortest rotation from straight up to the thrust direction
+    cosine = GRAVITY_MPS2 / length
+    f.tilt_cos = cosine
+    half = math.sqrt(0.5 * (1.0 + cosine))
+    x = -acc_n / length / (2.0 * half)
+    y = acc_e / length / (2.0 * half)
+    w = half
+    z = 0.0
+    if not turning:
+        c = math.cos(0.5 * yaw)
+        s = math.sin(0.5 * yaw)
+        z = w * s
+        w = w * c
+        x, y = x * c + y * s, y * c - x * s
+    steer(f, g, w, x, y, z, turning, yaw_rate, dt_s)
+
+
+@kernel
+def steer(f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float) -> None:
+    """Shape the attitude target towards an attitude; of its heading only the rate counts where `turning`."""
+    ew, ex, ey, ez = rotation(f.att[0], f.att[1], f.att[2], f.att[3], w, x, y, z)
+    roll, pitch, turn, _ = tilt_and_turn(ew, ex, ey, ez)
+    accel = g.accel_max[0]
+    f.att_rate[0] = _shape(f.att_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s)
+    accel = g.accel_max[1]
+    f.att_rate[1] = _shape(f.att_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s)
+    accel = g.accel_max[2]
+    if turning:
+        f.att_rate[2] = _shape(f.att_rate[2], yaw_rate, accel, dt_s)
+    else:
+        wanted = clamp(yaw_rate, -g.slew, g.slew) + sqrt_controller(turn, g.input_p, accel, dt_s)
+        f.att_rate[2] = _shape(f.att_rate[2], clamp(wanted, -g.slew, g.slew), accel, dt_s)
+
+
+@kernel
+def _turn_on(q: Any, rate: Any, dt_s: float) -> None:
+    """Turn an attitude by its body rates for a step."""
+    x = 0.5 * dt_s * rate[0]
+    y = 0.5 * dt_s * rate[1]
+    z = 0.5 * dt_s * rate[2]
+    square = x * x + y * y + z * z
+    sine = 1.0 - square * (1.0 / 6.0 - square / 120.0)
+    c = 1.0 - square * (0.5 - square / 24.0)
+    x *= sine
+    y *= sine
+    z *= sine
+    qw = q[0]
+    qx = q[1]
+    qy = q[2]
+    qz = q[3]
+    w = qw * c - qx * x - qy * y - qz * z
+    i = qw * x + qx * c + qy * z - qz * y
+    j = qw * y - qx * z + qy * c + qz * x
+    k = qw * z + qx * y - qy * x + qz * c
+    scale = 1.5 - 0.5 * (w * w + i * i + j * j + k * k)  # one Newton step: it is off by rounding only
+    q[0] = w * scale
+    q[1] = i * scale
+    q[2] = j * scale
+    q[3] = k * scale
+
+
+@kernel
+def advance(f: Any, dt_s: float) -> None:
+    """Turn the attitude target on at its rates (`update_attitude_target`)."""
+    _turn_on(f.att, f.att_rate, dt_s)
+
+
+@kernel
+def _correct(error: float, p: float, linear: float, accel: float) -> float:
+    """The angle controller's rate: linear, beyond `linear` as a square root (its error over a step is never less)."""
+    if error > linear:
+        return math.sqrt(2.0 * accel * (error - 0.5 * linear))
+    if error < -linear:
+        return -math.sqrt(2.0 * accel * (-error - 0.5 * linear))
+    return error * p
+
+
+@kernel
+def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
+    """Body rates, rad/s (forward, left, up), that bring the attitude to its target and follow the target's own."""
+    w, x, y, z = rotation(e.quat[0], e.quat[1], e.quat[2], e.quat[3], f.att[0], f.att[1], f.att[2], f.att[3])
+    roll, pitch, yaw, tilted = tilt_and_turn(w, x, y, z)
+    f.tilt_half2 = tilted
+    if abs(yaw) > g.yaw_error_max:  # the target does not run away from a nose that cannot follow
+        held = clamp(yaw, -g.yaw_error_max, g.yaw_error_max)
+        s = math.sin(0.5 * (held - yaw))
+        c = math.cos(0.5 * (held - yaw))
+        aw = f.att[0]
+        ax = f.att[1]
+        ay = f.att[2]
+        az = f.att[3]
+        f.att[0] = aw * c - az * s
+        f.att[1] = ax * c + ay * s
+        f.att[2] = ay * c - ax * s
+        f.att[3] = az * c + aw * s
+        w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+        yaw = held
+    roll_rate = _correct(roll, g.angle_p[0], g.angle_linear[0], g.angle_accel[0])
+    pitch_rate = _correct(pitch, g.angle_p[1], g.angle_linear[1], g.angle_accel[1])
+    yaw_rate = _correct(yaw, g.angle_p[2], g.angle_linear[2], g.angle_accel[2])
+    # the target's rates, seen from the body
+    a = f.att_rate[0]
+    b = f.att_rate[1]
+    c = f.att_rate[2]
+    u = 2.0 * (y * c - z * b)
+    v = 2.0 * (z * a - x * c)
+    t = 2.0 * (x * b - y * a)
+    a, b, c = a + w * u + (y * t - z * v), b + w * v + (z * u - x * t), c + w * t + (x * v - y * u)
+    if tilted > _TILT_FAR2:
+        yaw_rate = e.rate[2]
+    elif tilted > _TILT_NEAR2:
+        forward = 2.0 - 2.0 * math.asin(math.sqrt(tilted)) / _TILT_ERROR_RAD
+        roll_rate += a * forward
+        pitch_rate += b * forward
+        yaw_rate = e.rate[2] * (1.0 - forward) + (yaw_rate + c) * forward
+    else:
+        roll_rate += a
+        pitch_rate += b
+        yaw_rate += c
+    return roll_rate, pitch_rate, yaw_rate
+
+
+@kernel
+def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rate: float) -> tuple[float, float, float]:
+    """Roll, pitch and yaw efforts, -1…1 each, from the error of the body rates (AC_PID::update_all)."""
+    f.target_rate[0] += (roll_rate - f.target_rate[0]) * g.target_share[0]
+    f.target_rate[1] += (pitch_rate - f.target_rate[1]) * g.target_share[1]
+    f.target_rate[2] += (yaw_rate - f.target_rate[2]) * g.target_share[2]
+    for axis in range(3):
+        last = f.rate_err[axis]
+        error = last + (f.target_rate[axis] - e.rate[axis] - last) * g.error_share[axis]
+        f.rate_err[axis] = error
+        f.rate_i[axis] = clamp(f.rate_i[axis] + g.rate_i[axis] * error * f.spool, -g.rate_imax[axis], g.rate_imax[axis])
+        if axis < 2:
+            f.rate_d[axis] += (error - last - f.rate_d[axis]) * g.d_share[axis]
+    roll = g.rate_p[0] * f.rate_err[0] + f.rate_i[0] + g.rate_d[0] * f.rate_d[0]
+    pitch = g.rate_p[1] * f.rate_err[1] + f.rate_i[1] + g.rate_d[1] * f.rate_d[1]
+    yaw = g.rate_p[2] * f.rate_err[2] + f.rate_i[2]
+    return clamp(roll, -1.0, 1.0), clamp(pitch, -1.0, 1.0), clamp(yaw, -1.0, 1.0)
+
+
+@kernel
+def _command(g: Any, thrust: float) -> float:
+    """The actuator command for a share of full thrust: the inverse of the thrust curve, at least MOT_SPIN_MIN."""
+    thrust = clamp(thrust, 0.0, 1.0)
+    if g.expo > 1e-6:
+        thrust = math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
+    elif g.expo < -1e-6:
+        thrust = -math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
+    return max(thrust, g.spin_min)
+
+
+@kernel
+def _yaw_room(part: float, factor: float, best: float, yaw: float) -> float:
+    """How much yaw a motor, whose share in it is ±½, allows on top of its part in roll and pitch."""
+    # up to full thrust where yaw adds to it, else down to none; without a branch that noise would make a guess of
+    return 1.0 + math.copysign(1.0, yaw * factor) * (1.0 - 2.0 * (best + part))
+
+
+@kernel
+def _fit(throttle: float, average: float, low: float, high: float) -> tuple[float, float, bool]:
+    """(what is added to every motor, scale of the efforts, whether thrust had to give way)."""
+    scale = 1.0
+    if high - low > 1.0:
+        scale = 1.0 / (high - low)
+    if average + low < 0.0:
+        scale = min(scale, -average / low)
+    high *= scale
+    low *= scale
+    more = throttle + low
+    full = throttle >= 1.0
+    if scale < 1.0:
+        full = full or more > 0.0
+        more = 0.0
+    elif more < 0.0:
+        more = 0.0
+    elif more > 1.0 + low - high:
+        more = 1.0 + low - high
+        full = True
+    return more - low, scale, full
+
+
+@kernel
+def _mix4(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
+    """`mix` of four motors, in registers."""
+    best = min(0.5, average)
+    span = 0.5 * (abs(roll) + abs(pitch) + abs(yaw))
+    if span <= min(best, throttle) and throttle + span < 1.0:  # far from every limit: nothing has to give way
+        for m in range(4):
+            out[m] = _command(g, throttle + roll * g.roll[m] + pitch * g.pitch[m] + yaw * g.yaw[m])
+        return False
+    a = roll * g.roll[0] + pitch * g.pitch[0]
+    b = roll * g.roll[1] + pitch * g.pitch[1]
+    c = roll * g.roll[2] + pitch * g.pitch[2]
+    d = roll * g.roll[3] + pitch * g.pitch[3]
+    allowed = min(_yaw_room(a, g.yaw[0], best, yaw), _yaw_room(b, g.yaw[1], best, yaw))
+    allowed = min(allowed, min(_yaw_room(c, g.yaw[2], best, yaw), _yaw_room(d, g.yaw[3], best, yaw)))
+    allowed = max(min(allowed, 1.0), _YAW_HEADROOM)
+    yaw = clamp(yaw, -allowed, allowed)
+    a += yaw * g.yaw[0]
+    b += yaw * g.yaw[1]
+    c += yaw * g.yaw[2]
+    d += yaw * g.yaw[3]
+    base, scale, full = _fit(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
+    out[0] = _command(g, base + scale * a)
+    out[1] = _command(g, base + scale * b)
+    out[2] = _command(g, base + scale * c)
+    out[3] = _command(g, base + scale * d)
+    return full
+
+
+@kernel
+def mix(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
+    """Commands of all motors for a thrust 0…1 and three efforts; whether thrust had to give way.
+
+    Roll and pitch come first, then some yaw, then thrust, which may be raised to `average` for their sake. Positive
+    roll lowers the right side, positive pitch lowers the nose, positive yaw turns left.
+    """
+    throttle = clamp(throttle, 0.0, 1.0)
+    average = clamp(average, throttle, 1.0)
+    if g.motors == 4:
+        full = _mix4(g, out, throttle, average, roll, pitch, yaw)
+    else:
+        best = min(0.5, average)
+        allowed = 1.0
+        for m in range(g.motors):
+            part = roll * g.roll[m] + pitch * g.pitch[m]
+            out[m] = part
+            allowed = min(allowed, _yaw_room(part, g.yaw[m], best, yaw))
+        allowed = max(allowed, _YAW_HEADROOM)
+        yaw = clamp(yaw, -allowed, allowed)
+        low = 1.0
+        high = -1.0
+        for m in range(g.motors):
+            part = out[m] + yaw * g.yaw[m]
+            out[m] = part
+            low = min(low, part)
+            high = max(high, part)
+        base, scale, full = _fit(throttle, average, low, high)
+        for m in range(g.motors):
+            out[m] = _command(g, base + scale * out[m])
+    for m in range(g.motors, out.shape[0]):
+        out[m] = 0.0
+    return full

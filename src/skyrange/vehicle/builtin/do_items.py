@@ -1,0 +1,141 @@
+"""What do a mission's DO and CONDITION items do, and when? Beside the navigation item that follows them.
+
+After AP_Mission.cpp (`advance_current_do_cmd`) and ArduCopter/mode_auto.cpp: the items between two navigation items run
+one after another while the second is flown; a CONDITION item keeps those behind it waiting, and all that still wait are
+dropped when the next navigation item starts. Each that is done is reported with MISSION_ITEM_REACHED.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from skyrange.codec.mavlink import dialect
+from skyrange.core.time import NS_PER_MS, NS_PER_S, from_seconds
+from skyrange.vehicle.builtin import facing, home, places
+from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot, Timer
+from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.mission_kinds import NEAR, ROI, ROI_LOCATION, ROI_NONE, SET_HOME, SPEED, WAIT, YAW
+from skyrange.vehicle.builtin.sequence import next_do
+
+_LOOK_NS = 20 * NS_PER_MS
+_SPEED_MIN_MPS = 0.1  # AC_WPNav.cpp WPNAV_WP_SPEED_MIN_CMS
+_SPEED_MAX_MPS = 100.0  # beyond any multirotor: keeps an absurd request finite
+_WAIT_MAX_S = 86_400.0 * 365.0
+
+
+def start(fleet: Fleet, craft: Craft, seq: int) -> None:
+    """Do one item."""
+    slot = craft.mission[seq]
+    command = slot.command
+    if command == SPEED and slot.param2 > 0.0:
+        change_speed(fleet, craft, int(slot.param1), slot.param2)
+    elif command == SET_HOME:
+        _set_home(fleet, craft, slot)
+    elif command in (ROI, ROI_LOCATION, ROI_NONE):
+        look_at(fleet, craft, slot.frame, slot.x, slot.y, slot.z)
+    elif command == WAIT:
+        craft.condition = (command, float(fleet.now + from_seconds(min(max(slot.param1, 0.0), _WAIT_MAX_S))))
+    elif command == NEAR:
+        craft.condition = (command, max(slot.param1, 0.0))
+    elif command == YAW:
+        facing.turn(fleet, craft, slot.param1, slot.param2, int(slot.param3), slot.param4 > 0.0)
+        craft.condition = (command, 0.0)
+
+
+def done(fleet: Fleet, craft: Craft, seq: int) -> None:
+    """Report one item."""
+    fleet.send(craft, dialect.MAVLink_mission_item_reached_message(seq))
+
+
+def drop(fleet: Fleet, craft: Craft) -> None:
+    """What still waits is not done any more."""
+    craft.do_next = 0
+    craft.condition = (0, 0.0)
+    fleet.timer(craft, Timer.CONDITION)
+
+
+def run(fleet: Fleet, craft: Craft, seq: int) -> None:
+    """Do the items from `seq` on, up to a navigation item or a condition that does not hold yet."""
+    place = next_do(craft, seq)
+    while place is not None:
+        start(fleet, craft, place)
+        if craft.condition[0] and not _holds(fleet, craft):
+            craft.do_next = place
+            fleet.timer(craft, Timer.CONDITION, fleet.now + _LOOK_NS)
+            return
+        craft.condition = (0, 0.0)
+        done(fleet, craft, place)
+        place = next_do(craft, place + 1)
+    craft.do_next = 0
+
+
+def look(fleet: Fleet, craft: Craft) -> None:
+    """The timer: does the condition hold by now?"""
+    if craft.do_next == 0 or craft.flown is None:
+        return
+    if not _holds(fleet, craft):
+        fleet.timer(craft, Timer.CONDITION, fleet.now + _LOOK_NS)
+        return
+    seq = craft.do_next
+    drop(fleet, craft)
+    if seq < len(craft.mission):
+        done(fleet, craft, seq)
+        run(fleet, craft, seq + 1)
+
+
+def _holds(fleet: Fleet, craft: Craft) -> bool:
+    kind, value = craft.condition
+    if kind == WAIT:
+        return fleet.now > value
+    if kind == NEAR:
+        return distance_m(fleet, craft) < value
+    return kind != YAW or facing.turned(fleet, craft)
+
+
+def distance_m(fleet: Fleet, craft: Craft) -> float:
+    """How far the present goal is over the ground (ModeAuto::wp_distance_m); 0 of none."""
+    if fleet.control(craft) not in (Control.LEG, Control.POSITION, Control.CIRCLE):
+        return 0.0
+    here, goal = fleet.position(craft), fleet.flight["target_pos"][craft.row].tolist()
+    return math.hypot(goal[0] - here[0], goal[1] - here[1])
+
+
+def change_speed(fleet: Fleet, craft: Craft, kind: int, speed_mps: float) -> bool:
+    """Set the level (0, 1), climb (2) or descent (3) speed; `False` for other kinds. Lasts until the mode changes."""
+    name = {0: "speed_xy", 1: "speed_xy", 2: "speed_up", 3: "speed_down"}.get(kind)
+    if name is None:
+        return False
+    if speed_mps >= _SPEED_MIN_MPS:
+        fleet.flight[name][craft.row] = min(speed_mps, _SPEED_MAX_MPS)
+        fleet.flight["replan"][craft.row] = 1
+    return True
+
+
+def look_at(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> None:
+    """Look at a region of interest, or at none where all is zero (AutoYaw::set_roi)."""
+    if lat_e7 == 0 and lon_e7 == 0 and alt_m == 0.0:
+        facing.look_at(fleet, craft, None)
+    else:
+        facing.look_at(fleet, craft, places.enu(fleet, craft, frame, lat_e7, lon_e7, alt_m))
+
+
+def _set_home(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+    here = slot.param1 == 1.0 or (slot.x == 0 and slot.y == 0 and slot.z == 0.0)
+    place = None if here else places.enu(fleet, craft, slot.frame, slot.x, slot.y, slot.z)
+    home.set_home(fleet, craft, fleet.position(craft) if place is None else place, slot.causes)
+
+
+def clock_wait_s(fleet: Fleet, hour: float, minute: float, second: float) -> float:
+    """Seconds until the clock in UTC next shows a time, each part of it -1 where any will do (AP_RTC::get_time_utc)."""
+    today_s = fleet.epoch.utc_us(fleet.now) / 1e6 % 86_400.0
+    now = (int(today_s // 3600), int(today_s // 60 % 60), int(today_s % 60))
+    asked = (int(hour), int(minute), int(second))
+    if all(part == -1 for part in asked):
+        return 0.0
+    period = 86_400 if asked[0] != -1 else (3_600 if asked[1] != -1 else 60)
+    then = [ask if ask != -1 else part for ask, part in zip(asked, now, strict=True)]
+    return ((then[0] * 3600 + then[1] * 60 + then[2]) - int(today_s)) % period
+
+
+WAIT_MAX_NS: Final = int(_WAIT_MAX_S) * NS_PER_S

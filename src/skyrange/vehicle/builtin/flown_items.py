@@ -1,0 +1,257 @@
+"""How is each navigation item of a mission flown? What it asks for when it starts, and what ends it.
+
+After ArduCopter/mode_auto.cpp (`do_…`, `verify_…`, `set_next_wp`, `loc_from_cmd`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skyrange.codec.mavlink import dialect
+from skyrange.core.time import NS_PER_MS, from_seconds
+from skyrange.vehicle.builtin import do_items, facing, loop, places, returning, wpnav
+from skyrange.vehicle.builtin.arming import take_off
+from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot, Stage, Timer
+from skyrange.vehicle.builtin.layout import Control, Flag, Heading
+from skyrange.vehicle.builtin.mission_kinds import (
+    DELAY,
+    LAND,
+    RTL,
+    SPLINE,
+    TAKEOFF,
+    TIME,
+    TO_ALT,
+    TURNS,
+    UNLIM,
+    WAYPOINT,
+)
+
+_JOINED = frozenset((WAYPOINT, UNLIM, TIME))
+"""Items that a leg goes on to without a stop (set_next_wp)."""
+_LOOK_NS = 20 * NS_PER_MS
+_NEAR_EDGE_M = 3.0  # circle_movetoedge_start
+_INSIDE_M = 5.0
+
+Vector = tuple[float, float, float]
+
+
+def goal_of(fleet: Fleet, craft: Craft, slot: Slot, default: Vector) -> Vector:
+    """Where an item lies, ENU metres; latitude and longitude both 0, or altitude 0, mean `default`'s."""
+    east, north, up = default
+    if slot.x != 0 or slot.y != 0:
+        east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
+    if slot.z != 0.0:
+        up = slot.z + places.datum_m(fleet, craft, slot.frame)
+    return east, north, up
+
+
+def _terrain(slot: Slot) -> bool:
+    return slot.frame in places.TERRAIN_FRAMES
+
+
+def _from(fleet: Fleet, craft: Craft) -> Vector:
+    """What an item without a position means: the destination reached, or where it is."""
+    row = craft.row
+    if fleet.control(craft) == Control.LEG and fleet.legs["reached"][row]:
+        east, north, up = fleet.legs["goal"][row].tolist()
+        return east, north, up
+    return fleet.position(craft)
+
+
+def begin(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> bool:
+    """Start an item; `False` where it is over at once. `after` and `then` are the navigation items behind it.
+
+    On the ground only a take-off moves the craft, and only when it is ready; other items wait.
+    """
+    command = slot.command
+    landed = fleet.landed(craft)
+    craft.target_causes = slot.causes or craft.mode_causes
+    if command == TAKEOFF:
+        here = fleet.position(craft)
+        up = max(goal_of(fleet, craft, slot, here)[2], here[2] + (1.0 if landed else 0.0))
+        if not landed or craft.ready:
+            take_off(fleet, craft, up)
+        return True
+    if command == DELAY:
+        _delay(fleet, craft, slot)
+        return True
+    if landed:
+        return command not in (RTL, LAND)  # as ArduPilot's verify_land and RTL::run: already there
+    if command in (WAYPOINT, UNLIM, TIME, TO_ALT):
+        goal = goal_of(fleet, craft, slot, _from(fleet, craft))
+        _fly_to(fleet, craft, goal)
+        facing.keep_or_default(fleet, craft)
+        if command == WAYPOINT:
+            _join(fleet, craft, slot, goal, after, then)
+        elif command == TO_ALT:
+            fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+    elif command == SPLINE:
+        _curve(fleet, craft, slot, after, then)
+    elif command == TURNS:
+        _circle(fleet, craft, slot)
+    elif command == RTL:
+        returning.start(fleet, craft)
+    elif slot.x == 0 and slot.y == 0:
+        _land_here(fleet, craft)
+    else:
+        craft.stage = Stage.TRANSIT
+        east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
+        _fly_to(fleet, craft, (east, north, fleet.position(craft)[2]))
+        facing.keep_or_default(fleet, craft)
+    return True
+
+
+def _fly_to(fleet: Fleet, craft: Craft, goal: Vector) -> None:
+    anew = fleet.control(craft) != Control.LEG
+    wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(goal), anew)
+    craft.stage = Stage.TRANSIT if craft.stage == Stage.TRANSIT else Stage.NONE
+
+
+def _join(fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | None, then: Slot | None) -> None:
+    """Go on to the item behind without a stop, where neither a wait nor another datum is between (set_next_wp)."""
+    if slot.param1 > 0.0 or after is None:
+        return
+    if after.command in _JOINED and _terrain(after) == _terrain(slot):
+        place = goal_of(fleet, craft, after, goal)
+        wpnav.fly_on_to(fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(place))
+    elif after.command == SPLINE and _terrain(after) == _terrain(slot):
+        place, beyond, curved = _bend(fleet, craft, after, goal, then)
+        wpnav.curve_on(fleet.flight, fleet.legs, craft.row, places.array(place), places.array(beyond), curved)
+
+
+def _bend(fleet: Fleet, craft: Craft, slot: Slot, default: Vector, after: Slot | None) -> tuple[Vector, Vector, bool]:
+    """(goal, where the way goes on to, whether on a curve) of a spline item (get_spline_from_cmd)."""
+    goal = goal_of(fleet, craft, slot, default)
+    if slot.param1 == 0.0 and after is not None and _terrain(after) == _terrain(slot):
+        return goal, goal_of(fleet, craft, after, goal), after.command == SPLINE
+    return goal, goal, False
+
+
+def _curve(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> None:
+    goal, beyond, curved = _bend(fleet, craft, slot, _from(fleet, craft), after)
+    wpnav.curve(
+        fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row,
+        places.array(goal), places.array(beyond), curved,
+    )  # fmt: skip
+    _join(fleet, craft, slot, goal, after, then)
+    facing.keep_or_default(fleet, craft)
+
+
+def _circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+    """Fly to the circle's edge, then round (do_circle, circle_movetoedge_start)."""
+    row, flight = craft.row, fleet.flight
+    here = fleet.position(craft)
+    centre = goal_of(fleet, craft, slot, here)
+    radius = abs(slot.param3) or fleet.param(craft, "CIRCLE_RADIUS") * 0.01
+    rate = math.radians(abs(fleet.param(craft, "CIRCLE_RATE")))
+    flight["centre"][row] = centre
+    flight["circle_radius"][row] = radius
+    flight["circle_rate"][row] = -rate if slot.param3 < 0.0 else rate
+    stop = wpnav.rest_at(fleet.estimate, flight, fleet.settings, row)
+    away = math.dist(stop, centre)
+    if away > 1e-6:
+        east, north = (c + (s - c) / away * radius for c, s in zip(centre[:2], stop[:2], strict=True))
+    else:
+        yaw = float(fleet.estimate["yaw"][row])
+        east, north = centre[0] - radius * math.cos(yaw), centre[1] - radius * math.sin(yaw)
+    if away <= _NEAR_EDGE_M:  # ArduPilot takes the distance to the centre for that to the edge
+        _go_round(fleet, craft)
+        return
+    craft.stage = Stage.TRANSIT
+    _fly_to(fleet, craft, (east, north, centre[2]))
+    if facing.kind(fleet, craft) != Heading.ROI:
+        off = math.hypot(here[0] - centre[0], here[1] - centre[1])
+        if off > radius and off > _INSIDE_M:
+            facing.default(fleet, craft)
+        else:
+            facing.set_kind(fleet, craft, Heading.HOLD)
+
+
+def _go_round(fleet: Fleet, craft: Craft) -> None:
+    row, flight = craft.row, fleet.flight
+    craft.stage = Stage.NONE
+    east, north, up = wpnav.rest_at(fleet.estimate, flight, fleet.settings, row)
+    flight["ref_pos"][row] = (east, north, up)
+    flight["ref_vel"][row] = flight["ref_acc"][row] = 0.0
+    centre = flight["centre"][row]
+    if flight["circle_radius"][row] > 0.0:
+        flight["circle_angle"][row] = math.atan2(north - centre[1], east - centre[0])
+    else:
+        flight["circle_angle"][row] = fleet.estimate["yaw"][row]
+    flight["circle_speed"][row] = flight["circle_total"][row] = 0.0
+    if facing.kind(fleet, craft) != Heading.ROI:
+        along = int(fleet.param(craft, "CIRCLE_OPTIONS")) & 2
+        facing.set_kind(fleet, craft, Heading.NEXT if along else Heading.CIRCLE)
+    fleet.fly(craft, Control.CIRCLE)
+    flight["target_pos"][row] = (east, north, up)
+    fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+
+
+def _delay(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+    """Wait where it is, in the air or on the ground: some seconds, or until a time of day (do_nav_delay)."""
+    wait_s = slot.param1 if slot.param1 > 0.0 else do_items.clock_wait_s(fleet, slot.param2, slot.param3, slot.param4)
+    fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Delaying {int(wait_s)} sec")
+    fleet.timer(craft, Timer.HOLD, fleet.now + min(from_seconds(min(wait_s, 1e8)), do_items.WAIT_MAX_NS))
+
+
+def _land_here(fleet: Fleet, craft: Craft) -> None:
+    craft.stage = Stage.LAND
+    loop.hold(fleet.estimate, fleet.flight, craft.row)
+    facing.set_kind(fleet, craft, Heading.HOLD)
+    fleet.fly(craft, Control.LAND)
+
+
+def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
+    """The loop reports something while an item is flown: whether that ends the item."""
+    command = slot.command
+    if flag is Flag.CLIMBED:
+        return command == TAKEOFF
+    if flag is Flag.LEVELLED:
+        return command == TO_ALT
+    if flag is not Flag.ARRIVED:
+        return False
+    if command in (WAYPOINT, SPLINE, TIME):
+        if slot.param1 > 0.0:
+            fleet.timer(craft, Timer.HOLD, fleet.now + from_seconds(slot.param1))
+            return False
+        return True
+    if command == TURNS:
+        _go_round(fleet, craft)
+    elif command == LAND:
+        _land_here(fleet, craft)
+    elif command == RTL:
+        returning.arrived(fleet, craft)
+        return craft.stage == Stage.DESCEND
+    return False
+
+
+def waited(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
+    """A timer of the item has run out: whether that ends it."""
+    row, flight = craft.row, fleet.flight
+    if slot.command == RTL:
+        returning.waited(fleet, craft)
+        return False
+    if slot.command == TURNS:
+        if abs(float(flight["circle_total"][row])) / (2.0 * math.pi) >= slot.param1:
+            return True
+        fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+        return False
+    if slot.command == TO_ALT:
+        if fleet.control(craft) == Control.LEG:
+            if do_items.distance_m(fleet, craft) < fleet.param(craft, "WPNAV_RADIUS") * 0.01:
+                _to_height(fleet, craft, slot)
+            else:
+                fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+        return False
+    return True
+
+
+def _to_height(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+    row, flight = craft.row, fleet.flight
+    up = slot.z + places.datum_m(fleet, craft, slot.frame)
+    flight["flags"][row] &= ~np.int64(Flag.LEVELLED)
+    flight["seen"][row] &= ~np.int64(Flag.LEVELLED)
+    fleet.fly(craft, Control.ALTITUDE)
+    flight["target_pos"][row, 2] = up

@@ -1,0 +1,125 @@
+"""What do the parameters mean to the fast loop? Filter shares, limits, the mixer's table.
+
+A parameter that changes in flight acts within `TUNE_S`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.layout import MOTORS_MAX, Records
+from skyrange.vehicle.builtin.shaping import clamp
+from skyrange.world.airframes import Airframe
+
+TUNE_S = 0.1
+SLOW_S = 0.01
+"""How often guidance and position control run, at least a step of the loop."""
+GRAVITY_MPS2 = 9.80665
+"""ArduPilot's GRAVITY_MSS (libraries/AP_Math/definitions.h)."""
+_CDEG = math.pi / 18_000.0
+# AC_AttitudeControl.h: AC_ATTITUDE_ACCEL_{RP,Y}_CONTROLLER_{MIN,MAX}_RADSS, AC_ATTITUDE_YAW_MAX_ERROR_ANGLE_RAD
+_ACCEL_RP_MIN = math.radians(40.0)
+_ACCEL_RP_MAX = math.radians(720.0)
+_ACCEL_Y_MIN = math.radians(10.0)
+_ACCEL_Y_MAX = math.radians(120.0)
+_YAW_ERROR_MAX = math.radians(45.0)
+
+
+@kernel
+def share(hz: float, dt_s: float) -> float:
+    """The share of a new value in one step of a first-order filter (Filter/LowPassFilter.cpp); 0 Hz is none."""
+    if hz <= 0.0:
+        return 1.0
+    return dt_s / (dt_s + 1.0 / (2.0 * math.pi * hz))
+
+
+@kernel
+def tune(g: Any, p: Any, dt_s: float) -> None:
+    """Work one aircraft's gains out from its parameters for steps of `dt_s`."""
+    g.dt_s = dt_s
+    g.angle_p[0] = p.ATC_ANG_RLL_P
+    g.angle_p[1] = p.ATC_ANG_PIT_P
+    g.angle_p[2] = p.ATC_ANG_YAW_P
+    g.angle_accel[0] = clamp(0.5 * p.ATC_ACCEL_R_MAX * _CDEG, _ACCEL_RP_MIN, _ACCEL_RP_MAX)
+    g.angle_accel[1] = clamp(0.5 * p.ATC_ACCEL_P_MAX * _CDEG, _ACCEL_RP_MIN, _ACCEL_RP_MAX)
+    g.angle_accel[2] = clamp(0.5 * p.ATC_ACCEL_Y_MAX * _CDEG, _ACCEL_Y_MIN, _ACCEL_Y_MAX)
+    for axis in range(3):
+        g.angle_linear[axis] = g.angle_accel[axis] / (g.angle_p[axis] * g.angle_p[axis])
+    # inv_sqrt_controller of the rate that saturates the yaw motors (thrust_heading_rotation_angles)
+    rate = 1.0 / p.ATC_RAT_YAW_P
+    if rate < g.angle_accel[2] / g.angle_p[2]:
+        error = rate / g.angle_p[2]
+    else:
+        error = 0.5 * g.angle_linear[2] + 0.5 * rate * rate / g.angle_accel[2]
+    g.yaw_error_max = min(error, _YAW_ERROR_MAX)
+    g.rate_p[0] = p.ATC_RAT_RLL_P
+    g.rate_p[1] = p.ATC_RAT_PIT_P
+    g.rate_p[2] = p.ATC_RAT_YAW_P
+    g.rate_i[0] = p.ATC_RAT_RLL_I * dt_s
+    g.rate_i[1] = p.ATC_RAT_PIT_I * dt_s
+    g.rate_i[2] = p.ATC_RAT_YAW_I * dt_s
+    g.rate_d[0] = p.ATC_RAT_RLL_D / dt_s
+    g.rate_d[1] = p.ATC_RAT_PIT_D / dt_s
+    g.rate_imax[0] = p.ATC_RAT_RLL_IMAX
+    g.rate_imax[1] = p.ATC_RAT_PIT_IMAX
+    g.rate_imax[2] = p.ATC_RAT_YAW_IMAX
+    g.target_share[0] = share(p.ATC_RAT_RLL_FLTT, dt_s)
+    g.target_share[1] = share(p.ATC_RAT_PIT_FLTT, dt_s)
+    g.target_share[2] = share(p.ATC_RAT_YAW_FLTT, dt_s)
+    g.error_share[0] = share(p.ATC_RAT_RLL_FLTE, dt_s)
+    g.error_share[1] = share(p.ATC_RAT_PIT_FLTE, dt_s)
+    g.error_share[2] = share(p.ATC_RAT_YAW_FLTE, dt_s)
+    g.d_share[0] = share(p.ATC_RAT_RLL_FLTD, dt_s)
+    g.d_share[1] = share(p.ATC_RAT_PIT_FLTD, dt_s)
+    g.accel_share = share(p.PSC_ACCZ_FLTE, dt_s)
+    slow_s = math.ceil(SLOW_S / dt_s - 1e-6) * dt_s
+    g.vel_share = share(p.PSC_VELXY_FLTE, slow_s)
+    g.vel_d_share = share(p.PSC_VELXY_FLTD, slow_s)
+    g.climb_share = share(p.PSC_VELZ_FLTE, slow_s)
+    g.pos_p = p.PSC_POSXY_P
+    g.vel_p = p.PSC_VELXY_P
+    g.vel_i = p.PSC_VELXY_I
+    g.vel_d = p.PSC_VELXY_D / slow_s
+    g.vel_imax = 0.01 * p.PSC_VELXY_IMAX
+    g.height_p = p.PSC_POSZ_P
+    g.climb_p = p.PSC_VELZ_P
+    g.input_p = 1.0 / max(p.ATC_INPUT_TC, 0.01)
+    g.accel_max[0] = p.ATC_ACCEL_R_MAX * _CDEG
+    g.accel_max[1] = p.ATC_ACCEL_P_MAX * _CDEG
+    g.accel_max[2] = p.ATC_ACCEL_Y_MAX * _CDEG
+    g.slew = p.ATC_SLEW_YAW * _CDEG
+    g.lean_accel = GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG)
+    # PSC_ACCZ gains are per cm/s² and in 1/1000 of full throttle: 0.1 per m/s²
+    g.accel_p = 0.1 * p.PSC_ACCZ_P
+    g.accel_i = 0.1 * p.PSC_ACCZ_I * dt_s
+    # update_U_controller: the integral can always take the whole hover throttle off
+    g.accel_imax = max(0.001 * p.PSC_ACCZ_IMAX, p.MOT_THST_HOVER)
+    g.hover = p.MOT_THST_HOVER
+    g.spin_min = p.MOT_SPIN_MIN
+    g.expo = p.MOT_THST_EXPO
+    if abs(g.expo) > 1e-6:
+        g.expo_c = 0.5 * (1.0 - g.expo) / g.expo
+        g.expo_a = g.expo_c * g.expo_c
+        g.expo_b = 1.0 / g.expo
+
+
+def mixing(gains: Records, row: int, airframe: Airframe) -> None:
+    """Write a row of the mixer's table, as AP_MotorsMatrix does: half for the motors farthest out, both ways.
+
+    A quad's motors all count the same, however its arms stand (QUAD X); others by their arms.
+    """
+    rotors = airframe.rotors
+    gains["motors"][row] = len(rotors)
+    for name in ("roll", "pitch", "yaw"):
+        gains[name][row] = 0.0
+    far_left = max(abs(rotor.left_m) for rotor in rotors)
+    far_forward = max(abs(rotor.forward_m) for rotor in rotors)
+    for motor, rotor in enumerate(rotors[:MOTORS_MAX]):
+        left, back = rotor.left_m / far_left, -rotor.forward_m / far_forward
+        if len(rotors) == 4:
+            left, back = math.copysign(1.0, left), math.copysign(1.0, back)
+        gains["roll"][row, motor] = 0.5 * left
+        gains["pitch"][row, motor] = 0.5 * back
+        gains["yaw"][row, motor] = -0.5 * rotor.spin

@@ -1,0 +1,114 @@
+"""Where does the nose go? The angle and rate that each way of heading asks for, step by step.
+
+After ArduCopter/autoyaw.cpp (`yaw_rad`, `rate_rads`, `set_fixed_yaw_rad`) and AC_PosControl.cpp
+`calculate_yaw_and_rate_yaw`. Angles counter-clockwise from east.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.layout import Heading, Records
+from skyrange.vehicle.builtin.shaping import clamp, wrap_pi
+
+_HOLD = int(Heading.HOLD)
+_NEXT = int(Heading.NEXT)
+_ROI = int(Heading.ROI)
+_FIXED = int(Heading.FIXED)
+_AHEAD = int(Heading.AHEAD)
+_ANGLE_RATE = int(Heading.ANGLE_RATE)
+_RATE = int(Heading.RATE)
+_CIRCLE = int(Heading.CIRCLE)
+_LOOK_AHEAD_MPS = 1.0  # YAW_LOOK_AHEAD_MIN_SPEED
+_MOVING = 0.05  # of the speed limit: calculate_yaw_and_rate_yaw
+
+
+@kernel
+def yaw_of(w: float, x: float, y: float, z: float) -> float:
+    """The yaw of an attitude."""
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+@kernel
+def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
+    """(whether only a rate is asked for, yaw, yaw rate) of this step, rad and rad/s."""
+    kind = f.heading
+    if kind == _HOLD:
+        f.target_yaw = e.yaw
+        return True, 0.0, 0.0
+    if kind == _RATE:
+        return True, 0.0, f.target_yaw_rate
+    if kind == _NEXT:
+        vel_e = f.ref_vel[0]
+        vel_n = f.ref_vel[1]
+        square = vel_e * vel_e + vel_n * vel_n
+        least = _MOVING * f.speed_xy
+        if square > least * least and square > 0.0:
+            f.target_yaw = math.atan2(vel_n, vel_e)
+            return False, f.target_yaw, (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
+        return True, 0.0, 0.0  # the attitude target's own yaw: no turn
+    if kind == _ROI:
+        f.target_yaw = _towards(f, e, f.roi[0], f.roi[1])
+    elif kind == _FIXED:
+        step = clamp(f.turn_left, -dt_s * f.turn_rate, dt_s * f.turn_rate)
+        f.turn_left -= step
+        f.target_yaw = wrap_pi(f.target_yaw + step)
+    elif kind == _AHEAD:
+        if e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1] > _LOOK_AHEAD_MPS * _LOOK_AHEAD_MPS:
+            f.target_yaw = math.atan2(e.vel[1], e.vel[0])
+    elif kind == _ANGLE_RATE:
+        f.target_yaw = wrap_pi(f.target_yaw + f.target_yaw_rate * dt_s)
+        return False, f.target_yaw, f.target_yaw_rate
+    elif kind == _CIRCLE and f.circle_radius > 0.0:
+        f.target_yaw = math.atan2(f.centre[1] - f.ref_pos[1], f.centre[0] - f.ref_pos[0])
+    elif kind == _CIRCLE:
+        f.target_yaw = f.circle_angle
+    return False, f.target_yaw, 0.0
+
+
+@kernel
+def _towards(f: Any, e: Any, east: float, north: float) -> float:
+    d_e = east - e.pos[0]
+    d_n = north - e.pos[1]
+    if d_e * d_e + d_n * d_n < 1e-6:
+        kept: float = f.target_yaw
+        return kept
+    return math.atan2(d_n, d_e)
+
+
+@kernel
+def ask_turn(
+    estimate: Records, flight: Records, settings: Records, row: int,
+    angle: float, rate: float, direction: int, relative: bool,
+) -> None:  # fmt: skip
+    """Ask for a turn (`set_fixed_yaw_rad`): to an angle, or on by one; rad, compass sense (clockwise from north).
+
+    `direction` 1 turns clockwise, -1 the other way, 0 the shorter; `rate` 0 is the fastest allowed.
+    """
+    f: Any = flight[row]
+    p: Any = settings[row]
+    if f.heading == _HOLD or f.heading == _RATE:
+        f.target_yaw = estimate[row].yaw
+    if relative:
+        left = angle if direction >= 0 else -angle
+    else:
+        left = wrap_pi(angle - (0.5 * math.pi - f.target_yaw))
+        if direction < 0 and left > 0.0:
+            left -= 2.0 * math.pi
+        elif direction > 0 and left < 0.0:
+            left += 2.0 * math.pi
+    most = p.ATC_SLEW_YAW * math.pi / 18_000.0
+    f.turn_left = -left
+    f.turn_rate = min(rate, most) if rate > 0.0 else most
+    f.heading = _FIXED
+
+
+@kernel
+def turned(estimate: Records, flight: Records, row: int) -> bool:
+    """Whether a turn that was asked for is done, to 2° (`reached_fixed_yaw_target`)."""
+    f: Any = flight[row]
+    if f.heading != _FIXED:
+        return True
+    return f.turn_left == 0.0 and abs(wrap_pi(f.target_yaw - estimate[row].yaw)) <= math.radians(2.0)

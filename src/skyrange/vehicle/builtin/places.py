@@ -1,0 +1,44 @@
+"""Which point does a message or a mission item name? From latitude, longitude, altitude and frame to ENU metres.
+
+After Location (libraries/AP_Common/Location.cpp) and `mavlink_coordinate_frame_to_location_alt_frame`. The ground is
+flat: altitude above terrain is height above the origin's plane.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.fleet import Craft, Fleet
+
+RELATIVE_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT))
+TERRAIN_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT, dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT))
+ABSOLUTE_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT))
+
+Vector = tuple[float, float, float]
+
+
+def array(place: Vector) -> NDArray[Any]:
+    """A point as the kernels take it."""
+    return np.array(place)
+
+
+def datum_m(fleet: Fleet, craft: Craft, frame: int) -> float:
+    """What to add to an altitude in a frame to get height above the origin, m."""
+    if frame in RELATIVE_FRAMES:
+        return craft.home[2]
+    return 0.0 if frame in TERRAIN_FRAMES else -fleet.origin.alt_msl_m
+
+
+def enu(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> Vector | None:
+    """The point in ENU metres; `None` for an unknown frame or no place on Earth."""
+    lat, lon = lat_e7 * 1e-7, lon_e7 * 1e-7
+    if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0):
+        return None
+    if frame not in RELATIVE_FRAMES | TERRAIN_FRAMES | ABSOLUTE_FRAMES:
+        return None
+    east, north = fleet.origin.enu_of(lat, lon)
+    return east, north, alt_m + datum_m(fleet, craft, frame)

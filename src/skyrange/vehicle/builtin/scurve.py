@@ -1,0 +1,438 @@
+"""How does a leg's reference move along its straight line? Jerk that rises and falls as a raised cosine.
+
+The profile is that of libraries/AP_Math/SCurve.cpp (`calculate_path`, `add_segments_jerk`, `set_speed_max`,
+`set_origin_speed_max`, `set_destination_speed_max`): 23 segments, namely a start, seven that accelerate, seven that
+change the speed in flight, one at constant speed, and seven that decelerate. A group of seven is jerk rising, held,
+falling to zero, constant acceleration, and the same in reverse. Lengths in metres, times in seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skyrange.core.compiled import kernel
+
+SEGMENTS = 23
+_ACCEL_MAX, _ACCEL_END, _CHANGE_END, _CONST, _DECEL_END = 4, 7, 14, 15, 22
+_T, _A, _V, _P, _JM = range(5)  # of a segment: when it ends, its acceleration, speed and place then; its peak jerk
+_ROOM = 0.5  # of a leg for speeding up, the other half for slowing down
+
+
+@kernel
+def _root(value: float) -> float:
+    return math.sqrt(value) if value > 0.0 else 0.0
+
+
+@kernel
+def path_times(
+    snap: float, jerk: float, v0: float, accel: float, v1: float, length: float
+) -> tuple[float, float, float, float, float]:
+    """(peak jerk, rise time, time at the jerk, time at the acceleration, time at the jerk) from `v0` towards `v1`.
+
+    `SCurve::calculate_path`: as fast as `snap`, `jerk`, `accel` and half a leg's `length` allow; all zero where
+    there is nothing to gain.
+    """
+    none = (0.0, 0.0, 0.0, 0.0, 0.0)
+    if not (snap > 0.0 and jerk > 0.0 and accel > 0.0 and v1 > 0.0 and length > 0.0) or v0 >= v1:
+        return none
+    tj = jerk * math.pi / (2.0 * snap)
+    reach = min(min(accel, (v1 - v0) / (2.0 * tj)), (length + 4.0 * v0 * tj) / (4.0 * tj * tj))
+    t2 = 0.0
+    t4 = 0.0
+    if reach < jerk * tj:
+        if v0 <= 0.0:
+            tj = min(tj, math.sqrt(math.sqrt(length * math.pi / (8.0 * snap))))
+            tj = min(tj, (v1 * math.pi / (4.0 * snap)) ** (1.0 / 3.0))
+            tj = min(tj, math.sqrt(accel * math.pi / (2.0 * snap)))
+            jerk = 2.0 * snap * tj / math.pi
+            accel = jerk * tj
+        else:  # a change of speed keeps the rise time and lowers the jerk
+            accel = reach
+            jerk = accel / tj
+        if v1 > v0 + 2.0 * accel * tj and length > 4.0 * v0 * tj + 4.0 * accel * tj * tj:
+            t4 = _hold(v0, accel, v1, length, jerk, tj)
+    else:
+        full = accel * accel / jerk
+        enough = (accel * full + accel * (2.0 * v0 + 2.0 * accel * tj)) / jerk + 2.0 * v0 * tj + accel * tj * tj
+        if v1 < v0 + accel * tj + full or length < enough:
+            accel = min(accel, 0.5 * jerk * (_root((4.0 * (v1 - v0) + jerk * tj * tj) / jerk) - tj))
+            accel = min(accel, _peak_in(v0, length, jerk, tj))
+        else:
+            t4 = _hold(v0, accel, v1, length, jerk, tj)
+        t2 = accel / jerk - tj
+    if not (math.isfinite(t2 + t4 + tj) and jerk >= 0.0 and tj >= 0.0 and t2 >= -1e-9 and t4 >= 0.0):
+        return none
+    return jerk, tj, max(t2, 0.0), t4, max(t2, 0.0)
+
+
+@kernel
+def _hold(v0: float, accel: float, v1: float, length: float, jerk: float, tj: float) -> float:
+    """How long the acceleration is held: until the speed, or until half the leg is used (`calculate_path`)."""
+    a2 = accel * accel
+    j2 = jerk * jerk
+    inside = (
+        a2 * a2 * 0.25 + j2 * v0 * v0 + a2 * j2 * tj * tj * 0.25 + accel * j2 * length * 2.0
+        - a2 * jerk * v0 + a2 * accel * jerk * tj * 0.5 - accel * j2 * v0 * tj
+    )  # fmt: skip
+    by_length = (-1.5 * a2 + _root(inside) - jerk * v0 - accel * jerk * tj * 1.5) / (accel * jerk)
+    by_speed = -(v0 - v1 + accel * tj + a2 / jerk) / accel
+    return max(min(by_speed, by_length), 0.0)
+
+
+@kernel
+def _peak_in(v0: float, length: float, jerk: float, tj: float) -> float:
+    """The acceleration whose rise and fall, without holding it, uses the whole of `length`.
+
+    The root that `calculate_path` writes out by Cardano: length = a³/j² + 2·a·v0/j + 2·a²·tj/j + 2·v0·tj + a·tj²,
+    rising in a; found by bisection, which needs no care about signs.
+    """
+    low = 0.0
+    high = 1e3
+    for _ in range(60):
+        a = 0.5 * (low + high)
+        used = a * a * a / (jerk * jerk) + 2.0 * a * (v0 + a * tj) / jerk + 2.0 * v0 * tj + a * tj * tj
+        if used < length:
+            low = a
+        else:
+            high = a
+    return low
+
+
+@kernel
+def _set(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> None:
+    c.seg[i, _T] = t
+    c.seg[i, _JM] = jm
+    c.seg[i, _A] = a
+    c.seg[i, _V] = v
+    c.seg[i, _P] = p
+
+
+@kernel
+def _level(c: Any, i: int, seconds: float, jm: float) -> None:
+    """A segment of constant jerk after segment i - 1."""
+    k = i - 1
+    t = seconds if seconds > 0.0 else 0.0
+    a = c.seg[k, _A]
+    v = c.seg[k, _V]
+    _set(
+        c, i, c.seg[k, _T] + t, jm, a + jm * t, v + a * t + 0.5 * jm * t * t,
+        c.seg[k, _P] + v * t + 0.5 * a * t * t + jm * t * t * t / 6.0,
+    )  # fmt: skip
+
+
+@kernel
+def _rise(c: Any, i: int, tj: float, jm: float) -> None:
+    """A segment in which the jerk rises from 0 to `jm` as a raised cosine."""
+    k = i - 1
+    if not tj > 0.0:
+        _level(c, i, 0.0, 0.0)
+        return
+    half = 0.5 * jm
+    per = tj / math.pi
+    _set(
+        c, i, c.seg[k, _T] + tj, jm, c.seg[k, _A] + half * tj,
+        c.seg[k, _V] + c.seg[k, _A] * tj + half * (0.5 * tj * tj - 2.0 * per * per),
+        c.seg[k, _P] + c.seg[k, _V] * tj + 0.5 * c.seg[k, _A] * tj * tj + half * (tj * tj * tj / 6.0 - per * per * tj),
+    )  # fmt: skip
+
+
+@kernel
+def _fall(c: Any, i: int, tj: float, jm: float) -> None:
+    """A segment in which the jerk falls from `jm` to 0: `_rise` run backwards."""
+    k = i - 1
+    if not tj > 0.0:
+        _level(c, i, 0.0, 0.0)
+        return
+    half = 0.5 * jm
+    per = tj / math.pi
+    a0 = c.seg[k, _A] - half * tj
+    v0 = c.seg[k, _V] - half * (0.5 * tj * tj - 2.0 * per * per)
+    p0 = c.seg[k, _P] - half * (tj * tj * tj / 6.0 - per * per * tj)
+    _set(
+        c, i, c.seg[k, _T] + tj, jm, a0 + jm * tj, v0 + a0 * tj + jm * tj * tj,
+        p0 + v0 * tj + 0.5 * a0 * tj * tj + half * (4.0 / 3.0 * tj * tj * tj - 2.0 * per * per * tj),
+    )  # fmt: skip
+
+
+@kernel
+def _seven(c: Any, i: int, jm: float, tj: float, t_a: float, t4: float, t_b: float) -> None:
+    """Seven segments from i on that change the speed: up for positive `jm`, down for negative."""
+    _rise(c, i, tj, jm)
+    _level(c, i + 1, t_a, jm if tj > 0.0 else 0.0)
+    _fall(c, i + 2, tj, jm)
+    _level(c, i + 3, t4, 0.0)
+    _rise(c, i + 4, tj, -jm)
+    _level(c, i + 5, t_b, -jm if tj > 0.0 else 0.0)
+    _fall(c, i + 6, tj, -jm)
+
+
+@kernel
+def _empty(c: Any, first: int, last: int) -> None:
+    """Segments that take no time, standing where the one before `first` ends."""
+    for i in range(first, last + 1):
+        _set(c, i, c.seg[first - 1, _T], 0.0, 0.0, c.seg[first - 1, _V], c.seg[first - 1, _P])
+
+
+@kernel
+def _slow_down(c: Any, v_end: float, room: float) -> None:
+    """The constant segment and the seven after it, so that the leg ends at its length with at most `v_end`."""
+    _level(c, _CONST, 0.0, 0.0)
+    c.seg[_CONST, _A] = 0.0
+    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, v_end, c.accel, c.seg[_CONST, _V], room)
+    _seven(c, _CONST + 1, -jm, tj, t6, t4, t2)
+    c.seg[_DECEL_END, _A] = 0.0
+    c.seg[_DECEL_END, _V] = max(0.0, c.seg[_DECEL_END, _V])
+    _stretch(c)
+
+
+@kernel
+def _stretch(c: Any) -> None:
+    """Make the constant segment so long that the last one ends at the leg's length."""
+    more = max(0.0, c.length - c.seg[_DECEL_END, _P])
+    time = more / c.seg[_CONST, _V] if c.seg[_CONST, _V] > 0.0 else 0.0
+    for i in range(_CONST, _DECEL_END + 1):
+        c.seg[i, _T] += time
+        c.seg[i, _P] += more
+
+
+@kernel
+def clear(c: Any) -> None:
+    """No leg: position, speed and acceleration are 0, and it is finished."""
+    c.live = 0
+    c.t = 0.0
+    c.at = 0
+    c.length = 0.0
+    c.done = 0.0
+    for axis in range(3):
+        c.unit[axis] = 0.0
+
+
+@kernel
+def kinematic_limit(e: float, n: float, u: float, level: float, up: float, down: float) -> float:
+    """The most along a direction so that neither its level nor its vertical part exceeds its own limit.
+
+    `kinematic_limit` (libraries/AP_Math/control.cpp); 0 for no direction.
+    """
+    flat = math.sqrt(e * e + n * n)
+    length = math.sqrt(flat * flat + u * u)
+    if length <= 0.0:
+        return 0.0
+    most = level * length / flat if flat > 0.0 else math.inf
+    if u > 0.0:
+        most = min(most, up * length / u)
+    elif u < 0.0:
+        most = min(most, down * length / -u)
+    return most
+
+
+@kernel
+def lay(
+    c: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
+    level: float, up: float, down: float, accel: float, accel_z: float, snap: float, jerk: float,
+) -> None:  # fmt: skip
+    """A leg from o to d, at rest at both ends (`SCurve::calculate_track`)."""
+    clear(c)
+    e, n, u = de - oe, dn - on, du - ou
+    length = math.sqrt(e * e + n * n + u * u)
+    c.origin[0], c.origin[1], c.origin[2] = oe, on, ou
+    if length < 1e-6 or not (level > 0.0 and up > 0.0 and down > 0.0):
+        return
+    c.unit[0], c.unit[1], c.unit[2] = e / length, n / length, u / length
+    c.length = length
+    c.speed = kinematic_limit(e, n, u, level, up, down)
+    c.accel = kinematic_limit(e, n, u, accel, accel_z, accel_z)
+    c.accel_z = accel_z
+    c.snap = snap
+    c.jerk = jerk
+    _lay_from_rest(c)
+    c.live = 1
+
+
+@kernel
+def _lay_from_rest(c: Any) -> None:
+    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, 0.0, c.accel, c.speed, _ROOM * c.length)
+    _set(c, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    _seven(c, 1, jm, tj, t2, t4, t6)
+    c.seg[_ACCEL_END, _A] = 0.0
+    _empty(c, _ACCEL_END + 1, _CHANGE_END)
+    left = c.length - 2.0 * c.seg[_CHANGE_END, _P]
+    _level(c, _CONST, max(0.0, left / c.seg[_CHANGE_END, _V]), 0.0)
+    _seven(c, _CONST + 1, -jm, tj, t6, t4, t2)
+    c.seg[_DECEL_END, _A] = 0.0
+    c.seg[_DECEL_END, _V] = 0.0
+    c.at = 0
+
+
+@kernel
+def set_origin_speed(c: Any, speed: float) -> float:
+    """Begin the leg at a speed; what it will really begin with (`set_origin_speed_max`)."""
+    if c.live == 0:
+        return 0.0
+    if abs(c.seg[0, _V] - speed) < 1e-9:
+        return speed
+    top = c.seg[_ACCEL_END, _V]
+    speed = min(speed, top)
+    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, speed, c.accel, top, _ROOM * c.length)
+    _set(c, 0, 0.0, 0.0, 0.0, speed, 0.0)
+    _seven(c, 1, jm, tj, t2, t4, t6)
+    c.seg[_ACCEL_END, _A] = 0.0
+    back = min(0.0, _ROOM * c.length - c.seg[_ACCEL_END, _P])
+    earlier = back / c.seg[_ACCEL_END, _V] if c.seg[_ACCEL_END, _V] > 0.0 else 0.0
+    for i in range(_ACCEL_END + 1):
+        c.seg[i, _T] += earlier
+        c.seg[i, _P] += back
+    _empty(c, _ACCEL_END + 1, _CHANGE_END)
+    _slow_down(c, 0.0, _ROOM * c.length)
+    c.at = 0
+    return speed
+
+
+@kernel
+def set_destination_speed(c: Any, speed: float) -> None:
+    """End the leg at a speed (`set_destination_speed_max`)."""
+    if c.live == 0 or abs(c.seg[_DECEL_END, _V] - speed) < 1e-9:
+        return
+    c.seg[_CONST, _T] = c.seg[_CHANGE_END, _T]
+    _slow_down(c, min(speed, c.seg[_CHANGE_END, _V]), _ROOM * c.length)
+    c.at = 0
+
+
+@kernel
+def set_speed(c: Any, level: float, up: float, down: float) -> None:
+    """Another speed limit for a leg that may be under way (`set_speed_max`); ignored once it slows down."""
+    if c.live == 0:
+        return
+    speed = kinematic_limit(c.unit[0], c.unit[1], c.unit[2], level, up, down)
+    if abs(speed - c.speed) < 1e-9 or not speed > 0.0:
+        return
+    c.speed = speed
+    if c.t >= c.seg[_CONST, _T]:
+        return
+    v_end = min(speed, c.seg[_DECEL_END, _V])
+    if c.t == 0.0:
+        v_start = min(speed, c.seg[0, _V])
+        _lay_from_rest(c)
+        set_origin_speed(c, v_start)
+        set_destination_speed(c, v_end)
+        return
+    if c.seg[_ACCEL_END, _T] <= c.t <= c.seg[_CHANGE_END, _T]:
+        # the change under way becomes the first one, which leaves room for another
+        _set(c, 0, c.seg[_ACCEL_END, _T], 0.0, c.seg[_ACCEL_END, _A], c.seg[_ACCEL_END, _V], c.seg[_ACCEL_END, _P])
+        for i in range(1, _ACCEL_END + 1):
+            k = i + 7
+            _set(c, i, c.seg[k, _T], c.seg[k, _JM], c.seg[k, _A], c.seg[k, _V], c.seg[k, _P])
+    elif c.seg[_CHANGE_END, _T] < c.t <= c.seg[_CONST, _T]:
+        done, now, _ = at(c, c.t)
+        k = _CHANGE_END
+        _set(c, 0, c.seg[k, _T], 0.0, 0.0, c.seg[k, _V], c.seg[k, _P])
+        for i in range(1, _ACCEL_END + 1):
+            _set(c, i, c.t, 0.0, 0.0, now, done)
+    held = c.seg[_ACCEL_MAX, _T] - c.seg[_ACCEL_MAX - 1, _T]
+    if c.t <= c.seg[_ACCEL_MAX, _T] and held > 0.0 and speed < c.seg[_ACCEL_END, _V] and c.seg[_ACCEL_MAX, _A] > 0.0:
+        # still at its acceleration: shorten that as far as it is not over yet
+        cut = c.seg[_ACCEL_MAX, _T] - max(c.t, c.seg[_ACCEL_MAX - 1, _T])
+        least = max(c.seg[_ACCEL_END, _V] - c.seg[_ACCEL_MAX, _A] * cut, speed)
+        jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, c.seg[0, _V], c.accel, least, _ROOM * c.length)
+        _seven(c, 1, jm, tj, t2, t4, t6)
+        c.seg[_ACCEL_END, _A] = 0.0
+    _empty(c, _ACCEL_END + 1, _CHANGE_END)
+    top = c.seg[_ACCEL_END, _V]
+    if abs(speed - top) > 1e-9:
+        length = c.seg[_CONST, _P] - c.seg[_ACCEL_END, _P]
+        # the upstream source takes the power 1/3 of integers, which is 0: the first of the two is then 1
+        rise = min(1.0, c.jerk * math.pi / (2.0 * c.snap))
+        if speed < top and top > 0.0 and rise * 12.0 < length / top:
+            jm, tj, t6, t4, t2 = path_times(c.snap, c.jerk, speed, c.accel, top, _ROOM * length)
+            _seven(c, _ACCEL_END + 1, -jm, tj, t2, t4, t6)
+        elif speed > top and length / (rise * 12.0) > top:
+            most = min(speed, length / (rise * 12.0))
+            jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, top, c.accel, most, _ROOM * length)
+            _seven(c, _ACCEL_END + 1, jm, tj, t2, t4, t6)
+        c.seg[_CHANGE_END, _A] = 0.0
+    v_end = min(v_end, c.seg[_CHANGE_END, _V])
+    _slow_down(c, v_end, c.length - c.seg[_CHANGE_END, _P])
+    c.at = 0
+
+
+@kernel
+def at(c: Any, t: float) -> tuple[float, float, float]:
+    """(distance from the origin, speed, acceleration) `t` seconds into the leg."""
+    if c.live == 0:
+        return 0.0, 0.0, 0.0
+    i = c.at
+    if i > 0 and t < c.seg[i - 1, _T]:
+        i = 0
+    while i < SEGMENTS and t >= c.seg[i, _T]:
+        i += 1
+    if i == 0:
+        return c.seg[0, _P] + c.seg[0, _V] * (t - c.seg[0, _T]), c.seg[0, _V], 0.0
+    k = i - 1
+    a = c.seg[k, _A]
+    v = c.seg[k, _V]
+    p = c.seg[k, _P]
+    s = t - c.seg[k, _T]
+    if i == SEGMENTS:
+        return p, v, 0.0
+    c.at = i
+    jm = c.seg[i, _JM]
+    place = (i - 1) % 7 if i < _CONST else (i - 2) % 7
+    if i == _CONST or place in (1, 3, 5):  # constant jerk
+        return max(p + v * s + 0.5 * a * s * s + jm * s * s * s / 6.0, 0.0), v + a * s + 0.5 * jm * s * s, a + jm * s
+    tj = c.seg[i, _T] - c.seg[k, _T]
+    half = 0.5 * jm
+    per = tj / math.pi
+    if place in (2, 6):  # falling: the second half of the raised cosine, as if it had begun at rest
+        p -= half * (tj * tj * tj / 6.0 - per * per * tj)
+        v -= half * (0.5 * tj * tj - 2.0 * per * per)
+        a -= half * tj
+        moved = p + v * s + 0.5 * a * s * s
+        gained = v + a * s
+        s += tj
+    else:
+        moved = p + v * s + 0.5 * a * s * s
+        gained = v + a * s
+    sine = math.sin(s / per)
+    cosine = math.cos(s / per)
+    return (
+        max(moved + half * (s * s * s / 6.0 - per * per * s + per * per * per * sine), 0.0),
+        gained + half * (0.5 * s * s + per * per * (cosine - 1.0)),
+        a + half * (s - per * sine),
+    )
+
+
+@kernel
+def duration(c: Any) -> float:
+    """Seconds from start to end; 0 of no leg."""
+    return c.seg[_DECEL_END, _T] if c.live == 1 else 0.0
+
+
+@kernel
+def slows_at(c: Any) -> float:
+    """When it begins to slow down."""
+    return c.seg[_CONST, _T] if c.live == 1 else 0.0
+
+
+@kernel
+def fast_at(c: Any) -> float:
+    """When it has reached its speed."""
+    return c.seg[_ACCEL_END, _T] if c.live == 1 else 0.0
+
+
+@kernel
+def finished(c: Any) -> bool:
+    """Whether it has been flown to its end."""
+    # in ArduPilot's single floats the last tenth of a second covers no distance any more
+    return c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length * (1.0 - 6e-8)
+
+
+@kernel
+def copy(to: Any, c: Any) -> None:
+    """Make one leg the same as another."""
+    to.length, to.speed, to.accel, to.accel_z = c.length, c.speed, c.accel, c.accel_z
+    to.jerk, to.snap, to.t, to.live, to.at, to.done = c.jerk, c.snap, c.t, c.live, c.at, c.done
+    for axis in range(3):
+        to.unit[axis] = c.unit[axis]
+        to.origin[axis] = c.origin[axis]
+    for i in range(SEGMENTS):
+        _set(to, i, c.seg[i, _T], c.seg[i, _JM], c.seg[i, _A], c.seg[i, _V], c.seg[i, _P])

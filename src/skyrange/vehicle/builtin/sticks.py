@@ -1,0 +1,166 @@
+"""What do a pilot's sticks do? Lean angles, throttle and climb rate, and LOITER's motion.
+
+After ArduCopter/mode.cpp (`get_pilot_desired_lean_angles_rad`, `get_pilot_desired_throttle`), Attitude.cpp
+`get_pilot_desired_climb_rate`, AP_Math `rc_input_to_roll_pitch_rad`, and libraries/AC_WPNav/AC_Loiter.cpp.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.shaping import clamp, limit_xy, sqrt_controller
+
+THROTTLE_MID = 0.484
+"""RC_Channel::get_control_mid of a throttle from 1000 to 2000 µs with a dead zone of 30: 484 of 1000."""
+_CDEG = math.pi / 18_000.0
+_LEAN_MAX_RAD = math.radians(85.0)
+_LEAN_LIMIT_RAD = math.radians(10.0)
+_ZERO_S = 0.4  # THROTTLE_ZERO_DEBOUNCE_TIME_MS
+_SPEED_MIN_MPS = 0.2  # LOITER_SPEED_MIN
+CORRECTION_MPS = 2.0
+"""LOITER_VEL_CORRECTION_MAX."""
+
+
+@kernel
+def throttle_zero(f: Any, dt_s: float) -> bool:
+    """Whether the throttle stick has been at the bottom for long enough to mean it (`set_throttle_zero_flag`)."""
+    f.zero_s = 0.0 if f.sticks[3] > 0.0 else f.zero_s + dt_s
+    return f.zero_s >= _ZERO_S
+
+
+@kernel
+def lean(e: Any, f: Any, angle_max: float, limit: float) -> tuple[float, float]:
+    """The acceleration that the roll and pitch sticks ask for, m/s² (forward, left)."""
+    angle_max = min(angle_max, _LEAN_MAX_RAD)
+    forward = -math.tan(angle_max * f.sticks[1])
+    left = -math.tan(angle_max * f.sticks[0])
+    forward, left = limit_xy(forward, left, math.tan(clamp(limit, _LEAN_LIMIT_RAD, angle_max)))
+    return GRAVITY_MPS2 * forward, GRAVITY_MPS2 * left
+
+
+@kernel
+def to_local(e: Any, forward: float, left: float) -> tuple[float, float]:
+    """(east, north) of a vector by the nose."""
+    c = math.cos(e.yaw)
+    s = math.sin(e.yaw)
+    return c * forward - s * left, s * forward + c * left
+
+
+@kernel
+def yaw_rate(f: Any, p: Any) -> float:
+    """The yaw rate that the stick asks for, rad/s counter-clockwise: the stick to the right turns right."""
+    x = f.sticks[2]
+    expo = p.PILOT_Y_EXPO
+    if expo < 0.95:  # input_expo
+        x = (1.0 - expo) * x / (1.0 - expo * abs(x))
+    return -math.radians(p.PILOT_Y_RATE) * x
+
+
+@kernel
+def throttle(f: Any, p: Any) -> float:
+    """The thrust that STABILIZE gives: 0…1 of full, hovering at mid-stick."""
+    stick = clamp(f.sticks[3], 0.0, 1.0)
+    if stick < THROTTLE_MID:
+        x = stick * 0.5 / THROTTLE_MID
+    else:
+        x = 0.5 + (stick - THROTTLE_MID) * 0.5 / (1.0 - THROTTLE_MID)
+    expo = clamp(-(p.MOT_THST_HOVER - 0.5) / 0.375, -0.5, 1.0)
+    return x * (1.0 - expo) + expo * x * x * x
+
+
+@kernel
+def climb_rate(f: Any, p: Any) -> float:
+    """The climb rate that the throttle stick asks for, m/s: none around the middle."""
+    stick = clamp(f.sticks[3], 0.0, 1.0)
+    dead = 0.001 * clamp(p.THR_DZ, 0.0, 400.0)
+    top = THROTTLE_MID + dead
+    bottom = THROTTLE_MID - dead
+    down = p.PILOT_SPEED_DN if p.PILOT_SPEED_DN > 0.0 else p.PILOT_SPEED_UP
+    if stick < bottom:
+        return 0.01 * down * (stick - bottom) / bottom
+    if stick > top:
+        return 0.01 * p.PILOT_SPEED_UP * (stick - top) / (1.0 - top)
+    return 0.0
+
+
+@kernel
+def loiter_angle(p: Any) -> float:
+    """The largest lean in LOITER, rad (AC_Loiter::get_angle_max_rad)."""
+    most = p.ANGLE_MAX * _CDEG
+    return min(math.radians(p.LOIT_ANG_MAX), most) if p.LOIT_ANG_MAX > 0.0 else most * 2.0 / 3.0
+
+
+@kernel
+def _angles(forward: float, left: float) -> tuple[float, float]:
+    """Lean (right side down, nose down) that accelerates so, rad."""
+    nose_down = math.atan(forward / GRAVITY_MPS2)
+    return math.atan(-math.cos(nose_down) * left / GRAVITY_MPS2), nose_down
+
+
+@kernel
+def loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
+    """Move LOITER's reference: the sticks accelerate it, drag limits its speed, and it brakes when they are let go."""
+    most = loiter_angle(p)
+    forward, left = lean(e, f, most, p.ANGLE_MAX * _CDEG)
+    roll, pitch = _angles(forward, left)
+    gain = 1.0 / max(p.ATC_INPUT_TC, 0.01)
+    accel = p.ATC_ACCEL_R_MAX * _CDEG
+    rate = sqrt_controller(roll - f.lean[0], gain, accel, dt_s)
+    f.lean_rate[0] += clamp(rate - f.lean_rate[0], -accel * dt_s, accel * dt_s)
+    accel = p.ATC_ACCEL_P_MAX * _CDEG
+    rate = sqrt_controller(pitch - f.lean[1], gain, accel, dt_s)
+    f.lean_rate[1] += clamp(rate - f.lean_rate[1], -accel * dt_s, accel * dt_s)
+    f.lean[0] += f.lean_rate[0] * dt_s
+    f.lean[1] += f.lean_rate[1] * dt_s
+    soon_forward = GRAVITY_MPS2 * math.tan(f.lean[1])
+    soon_left = -GRAVITY_MPS2 * math.tan(f.lean[0]) / math.cos(f.lean[1])
+    soon_e, soon_n = to_local(e, soon_forward, soon_left)
+    acc_e, acc_n = to_local(e, forward, left)
+    speed_max = max(p.LOIT_SPEED * 0.01, _SPEED_MIN_MPS)
+    vel_e = f.ref_vel[0] + soon_e * dt_s
+    vel_n = f.ref_vel[1] + soon_n * dt_s
+    speed = math.sqrt(vel_e * vel_e + vel_n * vel_n)
+    f.brake_s = f.brake_s + dt_s if forward == 0.0 and left == 0.0 else 0.0
+    if speed > 0.0:
+        u = vel_e / speed
+        v = vel_n / speed
+        drag = GRAVITY_MPS2 * math.tan(most) * speed / speed_max
+        brake = 0.0
+        jerk = p.LOIT_BRK_JERK * 0.01
+        if f.brake_s > p.LOIT_BRK_DELAY:
+            brake = clamp(sqrt_controller(speed, 0.5 * p.PSC_VELXY_P, jerk, dt_s), 0.0, p.LOIT_BRK_ACCEL * 0.01)
+        f.brake += clamp(brake - f.brake, -jerk * dt_s, jerk * dt_s)
+        acc_e -= u * f.brake
+        acc_n -= v * f.brake
+        speed = min(max(speed - (drag + f.brake) * dt_s, 0.0), speed_max)
+        vel_e = u * speed
+        vel_n = v * speed
+    f.ref_pos[0] += vel_e * dt_s
+    f.ref_pos[1] += vel_n * dt_s
+    f.ref_vel[0] = vel_e
+    f.ref_vel[1] = vel_n
+    f.ref_acc[0] = acc_e
+    f.ref_acc[1] = acc_n
+    # the reference stays within LOITER_POS_CORRECTION_MAX of the aircraft (AC_P_2D::update_all)
+    off_e = f.ref_pos[0] - e.pos[0]
+    off_n = f.ref_pos[1] - e.pos[1]
+    off_e, off_n = limit_xy(off_e, off_n, CORRECTION_MPS)
+    f.ref_pos[0] = e.pos[0] + off_e
+    f.ref_pos[1] = e.pos[1] + off_n
+
+
+@kernel
+def begin_loiter(e: Any, f: Any) -> None:
+    """Start LOITER's reference where the aircraft is, moving and leaning as it does (AC_Loiter::init_target)."""
+    for axis in range(2):
+        f.ref_pos[axis] = e.pos[axis]
+        f.ref_vel[axis] = e.vel[axis]
+        f.ref_acc[axis] = 0.0
+        f.lean_rate[axis] = 0.0
+    f.lean[0] = e.roll
+    f.lean[1] = e.pitch
+    f.brake = 0.0
+    f.brake_s = 0.0

@@ -1,0 +1,64 @@
+"""Where are a pilot's sticks? From microseconds per channel to what the loop reads, and what arming asks of them.
+
+After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Sticks rest as in
+ArduPilot's SITL: roll, pitch and yaw in the middle, throttle at the bottom; channels run from 1000 to 2000 µs.
+"""
+
+from __future__ import annotations
+
+from skyrange.vehicle.builtin import sticks
+from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE
+from skyrange.vehicle.builtin.modes import Mode
+
+MIN_US, MAX_US = 1000, 2000
+_MID_US = 1500
+_RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US)
+_DEAD_US = (20, 20, 30, 20)
+"""ArduCopter/radio.cpp `default_dead_zones`."""
+_THROTTLE = 2
+
+
+def place(fleet: Fleet, craft: Craft) -> None:
+    """Tell the loop where the sticks are."""
+    values = [craft.overrides.get(channel, (rest, 0))[0] for channel, rest in enumerate(_RESTING_US)]
+    stick = fleet.flight["sticks"][craft.row]
+    for index, channel in enumerate((0, 1, 3)):
+        stick[index] = _norm(values[channel], _DEAD_US[channel])
+    low = MIN_US + _DEAD_US[_THROTTLE]
+    thousandths = 1000 * (min(max(values[_THROTTLE], MIN_US), MAX_US) - low) // (MAX_US - low)
+    stick[3] = max(thousandths, 0) / 1000.0
+
+
+def throttle(fleet: Fleet, craft: Craft) -> float:
+    """The throttle stick, 0…1."""
+    return float(fleet.flight["sticks"][craft.row, 3])
+
+
+def _norm(us: int, dead_us: int) -> float:
+    """-1…1 with a dead zone (RC_Channel::norm_input_dz)."""
+    low, high = _MID_US - dead_us, _MID_US + dead_us
+    if us > high:
+        return min((us - high) / (MAX_US - high), 1.0)
+    if us < low:
+        return max((us - low) / (low - MIN_US), -1.0)
+    return 0.0
+
+
+def too_high(fleet: Fleet, craft: Craft) -> bool:
+    """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks): GUIDED and AUTO do not look at it."""
+    if craft.mode in (Mode.GUIDED, Mode.AUTO):
+        return False
+    return wants_climb(fleet, craft) or (craft.mode in MANUAL_THROTTLE and fleet.flight["sticks"][craft.row, 3] > 0.0)
+
+
+def wants_climb(fleet: Fleet, craft: Craft) -> bool:
+    """Whether the throttle stick is above its middle."""
+    row = craft.row
+    return sticks.climb_rate(fleet.flight[row], fleet.settings[row]) > 0.0
+
+
+def thrust(fleet: Fleet, craft: Craft) -> float:
+    """The thrust that the throttle stick would give in STABILIZE."""
+    row = craft.row
+    return float(sticks.throttle(fleet.flight[row], fleet.settings[row]))

@@ -1,0 +1,321 @@
+"""How does an aircraft get from waypoint to waypoint? Legs joined at corners, straight or curved.
+
+After libraries/AC_WPNav/AC_WPNav.cpp (`wp_and_spline_init_cm`, `set_wp_destination_NEU_cm`,
+`set_wp_destination_next_NEU_cm`, `set_spline_destination_…`, `advance_wp_target_along_track`) and
+`SCurve::advance_target_along_track`: the end of one leg and the start of the next are added where the middle of the
+turn stays inside WPNAV_RADIUS and within the accelerations.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin import scurve, spline
+from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.layout import Control, Flag, Records
+from skyrange.vehicle.builtin.shaping import clamp, stopping_distance
+
+_LEG = int(Control.LEG)
+_ARRIVED = int(Flag.ARRIVED)
+_CDEG = math.pi / 18_000.0
+# AC_PosControl.cpp POSCONTROL_STOPPING_DIST_{UP,DOWN}_MAX_M
+_STOP_UP_M = 3.0
+_STOP_DOWN_M = 2.0
+
+
+@kernel
+def stop_point(e: Any, f: Any, p: Any) -> tuple[float, float, float]:
+    """Where the aircraft comes to rest when it brakes now (AC_PosControl::get_stopping_point_…)."""
+    speed = math.sqrt(e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1])
+    ahead_s = 0.0
+    if speed > 1e-9:
+        ahead_s = stopping_distance(min(speed, f.speed_xy), p.PSC_POSXY_P, f.accel_xy) / speed
+    rise = clamp(stopping_distance(e.vel[2], p.PSC_POSZ_P, f.accel_z), -_STOP_DOWN_M, _STOP_UP_M)
+    return e.pos[0] + e.vel[0] * ahead_s, e.pos[1] + e.vel[1] * ahead_s, e.pos[2] + rise
+
+
+@kernel
+def begin(e: Any, f: Any, w: Any, p: Any) -> None:
+    """Forget all legs: the destination reached is where it comes to rest (`wp_and_spline_init_cm`)."""
+    for c in (w.tail, w.leg, w.next):
+        scurve.clear(c)
+    stop = stop_point(e, f, p)
+    for axis in range(3):
+        w.origin[axis] = stop[axis]
+        w.goal[axis] = stop[axis]
+        f.ref_pos[axis] = stop[axis]
+        f.ref_vel[axis] = 0.0
+        f.ref_acc[axis] = 0.0
+        f.target_pos[axis] = stop[axis]
+    w.curved = 0
+    w.next_curved = 0
+    w.fast = 0
+    w.reached = 1
+    f.track_lag = 0.0
+    f.replan = 0
+    f.control = _LEG
+
+
+@kernel
+def _curve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:
+    """A straight leg from a point within the limits in force (`calc_scurve_jerk_and_snap`)."""
+    jerk = p.WPNAV_JERK
+    snap = jerk * math.pi / (2.0 * max(p.ATC_INPUT_TC, 0.1))
+    snap = min(snap, min(p.ATC_ACCEL_R_MAX, p.ATC_ACCEL_P_MAX) * _CDEG * GRAVITY_MPS2)
+    scurve.lay(
+        c, o[0], o[1], o[2], de, dn, du, f.speed_xy, f.speed_up, f.speed_down, f.accel_xy, f.accel_z, 0.5 * snap, jerk
+    )
+
+
+@kernel
+def _start(e: Any, f: Any, w: Any, p: Any) -> None:
+    if w.reached == 0 or f.control != _LEG:
+        begin(e, f, w, p)
+    f.control = _LEG
+    f.flags &= ~_ARRIVED
+    f.seen &= ~_ARRIVED
+
+
+@kernel
+def _to(w: Any, f: Any, de: float, dn: float, du: float) -> None:
+    w.goal[0], w.goal[1], w.goal[2] = de, dn, du
+    f.target_pos[0], f.target_pos[1], f.target_pos[2] = de, dn, du
+    w.reached = 0
+
+
+@kernel
+def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
+    """Fly to a point: on from the one reached, or from where it comes to rest."""
+    _start(e, f, w, p)
+    scurve.clear(w.tail)
+    from_speed = 0.0
+    if w.curved == 1:
+        from_speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
+    else:
+        scurve.copy(w.tail, w.leg)
+    for axis in range(3):
+        w.origin[axis] = w.goal[axis]
+    same = w.next.live == 1
+    for axis in range(3):
+        same = same and abs((de, dn, du)[axis] - w.next.origin[axis] - w.next.unit[axis] * w.next.length) < 1e-3
+    if w.fast == 1 and w.curved == 0 and w.next_curved == 0 and same and not scurve.finished(w.next):
+        scurve.copy(w.leg, w.next)
+    else:
+        _curve(f, p, w.leg, w.origin, de, dn, du)
+        if from_speed > 0.0:
+            scurve.set_origin_speed(w.leg, from_speed)
+    _to(w, f, de, dn, du)
+    w.curved = 0
+    w.next_curved = 0
+    scurve.clear(w.next)
+    w.fast = 0
+
+
+@kernel
+def then_straight(f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
+    """After this leg a straight one to a point follows without a stop."""
+    _curve(f, p, w.next, w.goal, de, dn, du)
+    if w.curved == 1:
+        w.spline.to_speed = min(w.spline.to_speed, scurve.set_origin_speed(w.next, w.spline.to_speed))
+    w.next_curved = 0
+    w.fast = 1
+
+
+@kernel
+def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved: bool) -> None:
+    """Fly to a point on a curve that leaves towards `after` (the same point: none, it stops)."""
+    _start(e, f, w, p)
+    leave = (0.0, 0.0, 0.0)
+    if w.fast == 1:
+        if w.curved == 1:
+            leave = (w.spline.leave[0], w.spline.leave[1], w.spline.leave[2])
+        else:
+            leave = (w.goal[0] - w.origin[0], w.goal[1] - w.origin[1], w.goal[2] - w.origin[2])
+    for axis in range(3):
+        w.origin[axis] = w.goal[axis]
+    base = w.origin if after_curved else goal
+    arrive = (after[0] - base[0], after[1] - base[1], after[2] - base[2])
+    spline.lay(
+        w.spline, f, w.origin[0], w.origin[1], w.origin[2], goal[0], goal[1], goal[2],
+        leave[0], leave[1], leave[2], arrive[0], arrive[1], arrive[2],
+    )  # fmt: skip
+    w.fast = 0 if arrive[0] == 0.0 and arrive[1] == 0.0 and arrive[2] == 0.0 else 1
+    _to(w, f, goal[0], goal[1], goal[2])
+    w.curved = 1
+    w.next_curved = 0
+    scurve.clear(w.next)
+
+
+@kernel
+def then_curve(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> None:
+    """After this leg a curve to a point follows, on towards `after`: end this one no faster than that begins."""
+    if w.curved == 1:
+        leave = (w.spline.leave[0], w.spline.leave[1], w.spline.leave[2])
+    else:
+        leave = (w.goal[0] - w.origin[0], w.goal[1] - w.origin[1], w.goal[2] - w.origin[2])
+    base = w.goal if after_curved else goal
+    spline.lay(
+        w.spline_next, f, w.goal[0], w.goal[1], w.goal[2], goal[0], goal[1], goal[2],
+        leave[0], leave[1], leave[2], after[0] - base[0], after[1] - base[1], after[2] - base[2],
+    )  # fmt: skip
+    w.next_curved = 1
+    w.fast = 1
+    if w.curved == 1:
+        w.spline.to_speed = min(w.spline.to_speed, w.spline_next.from_speed)
+    else:
+        scurve.set_destination_speed(w.leg, w.spline_next.from_speed)
+
+
+@kernel
+def _pace(e: Any, f: Any, p: Any, dt_s: float) -> float:
+    """How far to advance along the track in a step: less where the aircraft cannot keep up, as in strong wind.
+
+    `_track_dt_scalar` (advance_wp_target_along_track): with a margin of 5 %, and a time constant of acceleration
+    over jerk. Speed and acceleration of the reference are not scaled.
+    """
+    wanted = 1.0
+    speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
+    if speed > 0.0:
+        per = 1.0 / (speed * speed)
+        ahead = 0.0
+        made = 0.0
+        for axis in range(3):
+            ahead += (f.ref_pos[axis] - e.pos[axis]) * f.ref_vel[axis]
+            made += e.vel[axis] * f.ref_vel[axis]
+        wanted = clamp(0.05 + (made - p.PSC_POSXY_P * ahead) * per, 0.0, 1.0)
+    f.track_lag += (1.0 - wanted - f.track_lag) * min(1.0, dt_s * p.WPNAV_JERK / f.accel_xy)
+    scaled: float = dt_s * (1.0 - f.track_lag)
+    return scaled
+
+
+@kernel
+def _add(f: Any, c: Any, t: float) -> float:
+    """Add a leg's motion at a time to the reference; how far along it is."""
+    s, v, a = scurve.at(c, t)
+    for axis in range(3):
+        f.ref_pos[axis] += c.unit[axis] * s
+        f.ref_vel[axis] += c.unit[axis] * v
+        f.ref_acc[axis] += c.unit[axis] * a
+    return s
+
+
+@kernel
+def _go(f: Any, c: Any, dt_s: float) -> None:
+    c.t = min(c.t + dt_s, scurve.duration(c))
+    c.done = _add(f, c, c.t)
+
+
+@kernel
+def _turn_is_tight(f: Any, w: Any, p: Any) -> bool:
+    """Whether the middle of the turn onto the next leg, begun now, keeps inside radius, speed and accelerations."""
+    half = 0.5 * (scurve.duration(w.leg) - w.leg.t)
+    s, v, a = scurve.at(w.leg, w.leg.t + half)
+    s2, v2, a2 = scurve.at(w.next, half)
+    off = 0.0
+    speed = 0.0
+    level = 0.0
+    upward = 0.0
+    for axis in range(3):
+        place = w.leg.unit[axis] * (s - w.leg.length) + w.next.unit[axis] * s2
+        moving = w.leg.unit[axis] * v + w.next.unit[axis] * v2
+        turning = w.leg.unit[axis] * a + w.next.unit[axis] * a2
+        off += place * place
+        speed += moving * moving
+        if axis < 2:
+            level += turning * turning
+        else:
+            upward = abs(turning)
+    radius = p.WPNAV_RADIUS * 0.01
+    corner = p.WPNAV_ACCEL_C * 0.01 if p.WPNAV_ACCEL_C > 0.0 else 2.0 * p.WPNAV_ACCEL * 0.01
+    # the next leg stands still until it begins, yet ArduPilot compares with the speed limit along it
+    least = min(w.leg.speed, w.next.speed)
+    return (
+        off < radius * radius
+        and speed < least * least
+        and level < corner * corner
+        and upward < min(w.leg.accel_z, w.next.accel_z)
+    )
+
+
+@kernel
+def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
+    """Advance the reference along the legs; raise ARRIVED once."""
+    if f.replan == 1:
+        f.replan = 0
+        scurve.set_speed(w.leg, f.speed_xy, f.speed_up, f.speed_down)
+        scurve.set_speed(w.next, f.speed_xy, f.speed_up, f.speed_down)
+    step_s = _pace(e, f, p, dt_s)
+    if w.curved == 1:
+        spline.follow(w.spline, f, step_s)
+        for axis in range(3):
+            f.ref_acc[axis] = 0.0
+        done = w.spline.reached == 1
+    else:
+        for axis in range(3):
+            f.ref_pos[axis] = w.origin[axis] - w.tail.unit[axis] * w.tail.length
+            f.ref_vel[axis] = 0.0
+            f.ref_acc[axis] = 0.0
+        if w.tail.live == 1:
+            _go(f, w.tail, step_s)
+        _go(f, w.leg, step_s)
+        done = scurve.finished(w.leg)
+        left = scurve.duration(w.leg) - w.leg.t
+        if w.fast == 1 and w.next_curved == 0 and w.next.t == 0.0:
+            if w.leg.t >= scurve.slows_at(w.leg) and left <= scurve.fast_at(w.next) and _turn_is_tight(f, w, p):
+                _go(f, w.next, step_s)
+        elif w.next.t > 0.0:
+            _go(f, w.next, step_s)
+            done = done or w.next.t >= left
+    if w.reached == 1 or not done:
+        return
+    if w.fast == 0:
+        radius = p.WPNAV_RADIUS * 0.01
+        off = 0.0
+        for axis in range(3):
+            away = e.pos[axis] - w.goal[axis]
+            off += away * away
+        if off > radius * radius:
+            return
+    w.reached = 1
+    f.flags |= _ARRIVED
+
+
+@kernel
+def fly_to(
+    estimate: Records, flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any], anew: bool
+) -> None:
+    """`straight_to` for one row; `anew` from where it comes to rest, whatever it is flying."""
+    if anew:
+        begin(estimate[row], flight[row], legs[row], settings[row])
+    straight_to(estimate[row], flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
+
+
+@kernel
+def fly_on_to(flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any]) -> None:
+    """`then_straight` for one row."""
+    then_straight(flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
+
+
+@kernel
+def curve(
+    estimate: Records, flight: Records, legs: Records, settings: Records, row: int,
+    goal: NDArray[Any], after: NDArray[Any], after_curved: bool,
+) -> None:  # fmt: skip
+    """`curve_to` for one row."""
+    curve_to(estimate[row], flight[row], legs[row], settings[row], goal, after, after_curved)
+
+
+@kernel
+def curve_on(flight: Records, legs: Records, row: int, goal: NDArray[Any], after: NDArray[Any], curved: bool) -> None:
+    """`then_curve` for one row."""
+    then_curve(flight[row], legs[row], goal, after, curved)
+
+
+@kernel
+def rest_at(estimate: Records, flight: Records, settings: Records, row: int) -> tuple[float, float, float]:
+    """`stop_point` of one row."""
+    return stop_point(estimate[row], flight[row], settings[row])
