@@ -8,30 +8,44 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.vehicle.builtin import control, loop
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Control, Flag, zeros
+from skyrange.vehicle.builtin import attitude, gains, loop
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, GAINS, LEGS, Control, Flag, zeros
 from skyrange.vehicle.builtin.parameters import SETTINGS, fill
 from skyrange.world.airframes import IRIS
 
 DT = 0.0025
 
 
-def rows() -> tuple[Any, Any, Any, Any]:
-    estimate, flight = zeros(ESTIMATE, 1), zeros(FLIGHT, 1)
-    settings = np.zeros(1, dtype=SETTINGS)
-    fill(settings, 0, "v", IRIS, 1, {})
-    for name in ("speed_xy", "speed_up", "speed_down", "accel_xy", "accel_z"):
-        flight[name] = 1.0
-    flight["armed"] = 1
-    return estimate, flight, settings, np.zeros((1, 4))
+class Rows:
+    """One aircraft's rows in all tables of the loop."""
+
+    def __init__(self) -> None:
+        self.estimate, self.flight = zeros(ESTIMATE, 1), zeros(FLIGHT, 1)
+        self.legs, self.gains = zeros(LEGS, 1), zeros(GAINS, 1)
+        self.settings, self.out = np.zeros(1, SETTINGS), np.zeros((1, 4))
+        fill(self.settings, 0, "v", IRIS, 1, {})
+        gains.mixing(self.gains, 0, IRIS)
+        gains.tune(self.gains[0], self.settings[0], DT)
+        for name in ("speed_xy", "speed_up", "speed_down", "accel_xy", "accel_z"):
+            self.flight[name] = 1.0
+        self.flight["armed"] = 1
+
+    def turn(self, seconds: float) -> int:
+        """Run the loop; returns how often it raised a flag."""
+        tables = (self.estimate, self.flight, self.legs, self.gains, self.settings, self.out)
+        return sum(loop.turn(*tables, DT) for _ in range(round(seconds / DT)))
 
 
 def mixed(throttle: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Thrust shares of front right, rear left, front left, rear right: commands put through the thrust curve."""
-    _, _, settings, out = rows()
-    control.mix(settings[0], out[0], throttle, roll, pitch, yaw)
+    table, out = zeros(GAINS, 1), np.zeros(4)
+    settings = np.zeros(1, SETTINGS)
+    fill(settings, 0, "v", IRIS, 1, {})
+    gains.mixing(table, 0, IRIS)
+    gains.tune(table[0], settings[0], DT)
+    attitude.mix(table[0], out, throttle, throttle, roll, pitch, yaw)
     expo = IRIS.thrust_expo
-    return (1 - expo) * out[0] + expo * out[0] ** 2
+    return (1 - expo) * out + expo * out**2
 
 
 def test_mixer_signs_and_thrust() -> None:
@@ -52,55 +66,48 @@ def test_attitude_comes_before_thrust_and_yaw() -> None:
 
 
 def test_off_and_idle_motors() -> None:
-    estimate, flight, settings, out = rows()
-    flight["control"] = Control.OFF
-    loop.turn(estimate, flight, settings, out, DT)
-    assert out.max() == 0.0
-    flight["control"] = Control.IDLE
-    flight["landed"] = 1
-    loop.turn(estimate, flight, settings, out, DT)
-    assert out == pytest.approx(0.1)  # MOT_SPIN_ARM
-
-
-def turn_for(seconds: float, estimate: Any, flight: Any, settings: Any, out: Any) -> int:
-    flags = 0
-    for _ in range(round(seconds / DT)):
-        flags += loop.turn(estimate, flight, settings, out, DT)
-    return flags
+    rows = Rows()
+    rows.flight["control"] = Control.OFF
+    rows.turn(DT)
+    assert rows.out.max() == 0.0
+    rows.flight["control"] = Control.IDLE
+    rows.flight["landed"] = 1
+    rows.turn(DT)
+    assert rows.out == pytest.approx(0.1)  # MOT_SPIN_ARM
 
 
 def test_standing_still_with_least_throttle_is_landed_after_a_second() -> None:
-    estimate, flight, settings, out = rows()
-    flight["control"] = Control.LAND
-    flight["throttle_i"] = -0.8
-    assert turn_for(0.95, estimate, flight, settings, out) == 0
-    assert turn_for(0.2, estimate, flight, settings, out) == 1
-    assert flight["flags"][0] == Flag.LANDED
-    assert flight["control"][0] == Control.IDLE
+    rows = Rows()
+    rows.flight["control"] = Control.LAND
+    rows.flight["throttle_i"] = -0.8
+    assert rows.turn(0.95) == 0
+    assert rows.turn(0.2) == 1
+    assert rows.flight["flags"][0] == Flag.LANDED
+    assert rows.flight["control"][0] == Control.IDLE
 
 
 @pytest.mark.parametrize(
     ("field", "value"), [("height", 2.5), ("vel", (0.0, 0.0, -1.2)), ("accel", (0.0, 0.0, -3.0))], ids=str
 )
 def test_not_landed_while_high_moving_or_falling(field: str, value: Any) -> None:
-    estimate, flight, settings, out = rows()
-    flight["control"] = Control.LAND
-    flight["throttle_i"] = -0.8
-    estimate[field] = value
-    turn_for(1.5, estimate, flight, settings, out)
-    assert not flight["flags"][0] & Flag.LANDED
+    rows = Rows()
+    rows.flight["control"] = Control.LAND
+    rows.flight["throttle_i"] = -0.8
+    rows.estimate[field] = value
+    rows.turn(1.5)
+    assert not rows.flight["flags"][0] & Flag.LANDED
 
 
 def test_two_seconds_on_its_back_is_a_crash() -> None:
-    estimate, flight, settings, out = rows()
-    flight["control"] = Control.VELOCITY
-    estimate["quat"] = (math.cos(1.2), math.sin(1.2), 0.0, 0.0)
-    estimate["roll"] = 2.4
-    turn_for(1.9, estimate, flight, settings, out)
-    assert flight["flags"][0] == 0
-    turn_for(0.2, estimate, flight, settings, out)
-    assert flight["flags"][0] == Flag.CRASHED
-    estimate, flight, settings, out = rows()
-    flight["control"] = Control.VELOCITY
-    turn_for(3.0, estimate, flight, settings, out)
-    assert flight["flags"][0] == 0
+    rows = Rows()
+    rows.flight["control"] = Control.VELOCITY
+    rows.estimate["quat"] = (math.cos(1.2), math.sin(1.2), 0.0, 0.0)
+    rows.estimate["roll"] = 2.4
+    rows.turn(1.9)
+    assert rows.flight["flags"][0] == 0
+    rows.turn(0.2)
+    assert rows.flight["flags"][0] == Flag.CRASHED
+    rows = Rows()
+    rows.flight["control"] = Control.VELOCITY
+    rows.turn(3.0)
+    assert rows.flight["flags"][0] == 0

@@ -111,7 +111,10 @@ def test_a_circle_turns_at_its_rate_where_the_acceleration_allows() -> None:
     flight["ref_pos"] = (10.0, 0.0, 5.0)
     path = fly(table, 36.0)
     # half of 2.5 m/s² at 10 m: √(0.5 · 2.5 · 10) = 3.54 m/s, 20.3 °/s: 20 °/s fits
-    assert math.degrees(float(flight["circle_total"][0])) == pytest.approx(720.0, abs=50.0)  # less the time to get going
+    # two turns, less the time to get going
+    assert math.degrees(float(flight["circle_total"][0])) == pytest.approx(
+        720.0, abs=50.0
+    )  # less the time to get going
     assert np.hypot(path[500:, 0], path[500:, 1]) == pytest.approx(10.0, abs=1.5)
     assert path[300, 1] < 0.0  # clockwise from the east: south first
     assert np.ptp(path[:, 2]) < 1e-9

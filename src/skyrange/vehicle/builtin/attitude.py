@@ -84,7 +84,7 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
 @kernel
 def cos_lean(e: Any) -> float:
     """The cosine of the lean: how much of the thrust points up."""
-    return 1.0 - 2.0 * (e.quat[1] * e.quat[1] + e.quat[2] * e.quat[2])
+    return float(1.0 - 2.0 * (e.quat[1] * e.quat[1] + e.quat[2] * e.quat[2]))
 
 
 @kernel
@@ -288,7 +288,7 @@ def _command(g: Any, thrust: float) -> float:
         thrust = math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
     elif g.expo < -1e-6:
         thrust = -math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
-    return max(thrust, g.spin_min)
+    return float(max(thrust, g.spin_min))
 
 
 @kernel

@@ -207,9 +207,9 @@ def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
     """The loop reports something while an item is flown: whether that ends the item."""
     command = slot.command
     if flag is Flag.CLIMBED:
-        return command == TAKEOFF
+        return bool(command == TAKEOFF)
     if flag is Flag.LEVELLED:
-        return command == TO_ALT
+        return bool(command == TO_ALT)
     if flag is not Flag.ARRIVED:
         return False
     if command in (WAYPOINT, SPLINE, TIME):

@@ -423,7 +423,7 @@ def fast_at(c: Any) -> float:
 def finished(c: Any) -> bool:
     """Whether it has been flown to its end."""
     # in ArduPilot's single floats the last tenth of a second covers no distance any more
-    return c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length * (1.0 - 6e-8)
+    return bool(c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length * (1.0 - 6e-8))
 
 
 @kernel

@@ -28,7 +28,7 @@ CORRECTION_MPS = 2.0
 def throttle_zero(f: Any, dt_s: float) -> bool:
     """Whether the throttle stick has been at the bottom for long enough to mean it (`set_throttle_zero_flag`)."""
     f.zero_s = 0.0 if f.sticks[3] > 0.0 else f.zero_s + dt_s
-    return f.zero_s >= _ZERO_S
+    return bool(f.zero_s >= _ZERO_S)
 
 
 @kernel
@@ -56,7 +56,7 @@ def yaw_rate(f: Any, p: Any) -> float:
     expo = p.PILOT_Y_EXPO
     if expo < 0.95:  # input_expo
         x = (1.0 - expo) * x / (1.0 - expo * abs(x))
-    return -math.radians(p.PILOT_Y_RATE) * x
+    return float(-math.radians(p.PILOT_Y_RATE) * x)
 
 
 @kernel
@@ -80,9 +80,9 @@ def climb_rate(f: Any, p: Any) -> float:
     bottom = THROTTLE_MID - dead
     down = p.PILOT_SPEED_DN if p.PILOT_SPEED_DN > 0.0 else p.PILOT_SPEED_UP
     if stick < bottom:
-        return 0.01 * down * (stick - bottom) / bottom
+        return float(0.01 * down * (stick - bottom) / bottom)
     if stick > top:
-        return 0.01 * p.PILOT_SPEED_UP * (stick - top) / (1.0 - top)
+        return float(0.01 * p.PILOT_SPEED_UP * (stick - top) / (1.0 - top))
     return 0.0
 
 
@@ -90,7 +90,7 @@ def climb_rate(f: Any, p: Any) -> float:
 def loiter_angle(p: Any) -> float:
     """The largest lean in LOITER, rad (AC_Loiter::get_angle_max_rad)."""
     most = p.ANGLE_MAX * _CDEG
-    return min(math.radians(p.LOIT_ANG_MAX), most) if p.LOIT_ANG_MAX > 0.0 else most * 2.0 / 3.0
+    return float(min(math.radians(p.LOIT_ANG_MAX), most) if p.LOIT_ANG_MAX > 0.0 else most * 2.0 / 3.0)
 
 
 @kernel

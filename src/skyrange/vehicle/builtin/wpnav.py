@@ -233,7 +233,7 @@ def _turn_is_tight(f: Any, w: Any, p: Any) -> bool:
     corner = p.WPNAV_ACCEL_C * 0.01 if p.WPNAV_ACCEL_C > 0.0 else 2.0 * p.WPNAV_ACCEL * 0.01
     # the next leg stands still until it begins, yet ArduPilot compares with the speed limit along it
     least = min(w.leg.speed, w.next.speed)
-    return (
+    return bool(
         off < radius * radius
         and speed < least * least
         and level < corner * corner

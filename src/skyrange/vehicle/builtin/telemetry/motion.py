@@ -174,7 +174,8 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
 def _yaw(quats: Floats) -> Floats:
     """The yaw of attitudes (n, 4)."""
     w, x, y, z = quats.T
-    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    angles: Floats = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return angles
 
 
 def position_target_global_int(fleet: Fleet, rows: Ints, out: Table) -> None:
