@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from skyrange.codec.mavlink import dialect
 from skyrange.gcs.station import GroundStation
 from skyrange.record import load
 from skyrange.runtime.run import Run
@@ -51,8 +52,8 @@ def test_one_station_tells_all_of_them_apart(flown: tuple[Run, Path]) -> None:
     gcs = station(run)
     origin = run.rig.scenario.origin.datum
     for row in run.rig.header["vehicles"]:
-        belief = gcs.belief(row["id"])
-        east_m, north_m = origin.enu_of(belief.lat_e7 * 1e-7, belief.lon_e7 * 1e-7)
+        place = gcs.latest(row["id"], dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+        east_m, north_m = origin.enu_of(place.lat * 1e-7, place.lon * 1e-7)
         # neighbours stand 6 m apart; a GNSS fix on the ground is nearer than half of that
         assert abs(east_m - row["home_enu_m"][0]) < 3.0, row["id"]
         assert abs(north_m - row["home_enu_m"][1]) < 3.0, row["id"]

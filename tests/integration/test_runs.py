@@ -287,7 +287,9 @@ def test_an_output_that_lacks_signs_or_room(squares: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "blue/b1" in done.stdout
     done = cli("scenarios", "--json", env=plain)
-    assert [row["name"] for row in json.loads(done.stdout)] == ["squares", "survey"]
+    assert [row["name"] for row in json.loads(done.stdout)] == [
+        "city-fleet", "crossing", "head-on", "squares", "survey", "wind",
+    ]  # fmt: skip
     for buffered in ({}, {"PYTHONUNBUFFERED": "1"}):
         bare = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
         with Path("/dev/full").open("w") as full:

@@ -187,6 +187,8 @@ PARAMETERS: Final = tuple(
             Parameter("EK3_ACC_P_NSE", 0.35, 0.01, 1.0, "accelerometer noise, m/s²"),
             Parameter("EK3_ALT_M_NSE", 2.0, 0.1, 100.0, "barometer noise, m"),
             Parameter("EK3_CHECK_SCALE", 100, 50, 200, "scale of the receiver checks' limits, %", _INT16),
+            Parameter("EK3_DRAG_BCOEF_X", 0, 0, 1000, "over 0: drag tells the wind, dead reckoning, kg/m²"),
+            Parameter("EK3_DRAG_BCOEF_Y", 0, 0, 1000, "the same along the other axis, kg/m²"),
             Parameter("EK3_GBIAS_P_NSE", 0.001, 0.00001, 0.001, "gyro bias noise, rad/s²"),
             Parameter("EK3_GLITCH_RAD", 25, 0, 100, "uncertainty at which position is reset to GNSS, m", _INT8),
             Parameter("EK3_GPS_CHECK", 31, 0, 255, "receiver checks before use, bit mask", _INT8),

@@ -197,7 +197,7 @@ def turn(
             seen = rangefinder[i]
             ranged = math.isfinite(seen) and seen >= 0.0
             e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
-            report(e, k, now, ranged)
+            report(e, k, p, ranged)
             e.battery_v = reading(volts[i], e.battery_v, _VOLTS_MAX)
             e.battery_a = reading(amperes[i], e.battery_a, _AMPERES_MAX)
             if k.news != 0:

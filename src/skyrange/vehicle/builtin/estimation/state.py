@@ -31,8 +31,6 @@ HGT_RETRY_VEL_NS: Final = 10 * NS_PER_S
 """`hgtRetryTimeMode0_ms`, with vertical velocity from GNSS."""
 HGT_RETRY_NS: Final = 5 * NS_PER_S
 """`hgtRetryTimeMode12_ms`."""
-DEAD_RECKON_NS: Final = NS_PER_S
-"""`deadReckonDeclare_ms`."""
 GPS_PASS_NS: Final = 10 * NS_PER_S
 GPS_FAIL_NS: Final = 5 * NS_PER_S
 """calcGpsGoodToAlign: so long without a failed check to be good, without a passed one to be bad."""
