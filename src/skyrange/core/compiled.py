@@ -32,7 +32,7 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
     before = config.CACHE_DIR
     config.CACHE_DIR = _cache_folder() or before  # read while decorating, so it need not stay
     try:
-        return cast("Callable[P, R]", numba.njit(cache=True, fastmath=False)(function))
+        return cast("Callable[P, R]", numba.njit(cache=True, fastmath=False, error_model="numpy")(function))
     finally:
         config.CACHE_DIR = before
 
