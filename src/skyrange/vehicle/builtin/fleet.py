@@ -20,7 +20,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
 from skyrange.vehicle.builtin.fence_zones import ZONES
-from skyrange.vehicle.builtin.layout import GAINS, LEGS, Control, Records, zeros
+from skyrange.vehicle.builtin.layout import LEGS, Control, Records, zeros
 from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
 from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
@@ -177,7 +177,6 @@ class Fleet:
         self.flight = flight
         self.settings = settings
         self.legs = zeros(LEGS, len(crafts))
-        self.gains = zeros(GAINS, len(crafts))
         self.power: Records = np.zeros(len(crafts), dtype=POWER)
         self.boundary: Records = np.zeros(len(crafts), dtype=BOUNDARY)
         self.zones: Records = np.zeros(len(crafts), dtype=ZONES)
