@@ -41,6 +41,7 @@ from skyrange.vehicle.builtin.estimation.estimator import Estimator
 from skyrange.vehicle.builtin.failsafes import crash, ground_station, service
 from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Flag, zeros
+from skyrange.vehicle.builtin.mail import take_heartbeats
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import PARAMETERS, SETTINGS, fill
@@ -115,6 +116,7 @@ class BuiltinFleet:
         flight["landed"] = 1
         self.ports = [craft.port for craft in crafts]
         self._by_port = {craft.port: craft for craft in crafts}
+        self._places = {craft.port: craft.row for craft in crafts}
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
         self._fleet.stored[:] = stored
@@ -143,8 +145,10 @@ class BuiltinFleet:
             tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], tuning.which, tuning.sets
         ):
             resets.tell(fleet, self._estimator.filters)
-        for arrival in inbox:
-            self._receive(arrival)
+        if len(inbox):
+            mail = inbox.columns(self._places)
+            for row in take_heartbeats(fleet, mail):
+                self._receive(inbox.arrival(mail.order.item(row)))
         if loop.turn(
             fleet.estimate, fleet.flight, fleet.legs, tuning.which, tuning.gains, tuning.sets, self._actuators, dt_s
         ):

@@ -1,0 +1,57 @@
+"""What of the mail needs to be read one by one? Ground stations' heartbeats are taken in at once, in columns.
+
+A heartbeat says no more than that its sender is there, and in quiet flight a fleet hears nothing else.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.messages import Columns
+from skyrange.agent.payloads import Bytes, Ints
+from skyrange.codec.columns import TABLES, kind_at, kind_of
+from skyrange.codec.mavlink import dialect
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.fleet import Fleet
+from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW
+
+_HEARTBEAT: Final = kind_of(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+_SYSTEM: Final = 5  # where a frame names its sender
+_STATION: Final = INDEX["SYSID_MYGCS"]
+
+
+@kernel
+def _take(
+    now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, kinds: NDArray[np.int32], extras: Ints,
+    crcs: NDArray[np.uint16], stations: Ints, systems: Ints, heard_ns: Ints, single: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Note in `heard_ns` who heard its ground station; `single` keeps what else there is."""
+    for row in range(starts.shape[0]):
+        place = places[row]
+        at = starts[row]
+        single[row] = True
+        if kind_at(data, at, sizes[row], kinds, extras, crcs) == _HEARTBEAT:
+            sender = data[at + _SYSTEM]
+            if sender == stations[place] and sender != systems[place]:
+                heard_ns[place] = max(now, 1)
+                single[row] = False
+
+
+def take_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
+    """Take in the heartbeats of each aircraft's own ground station: the rows of `mail` that are left to be read.
+
+    As `failsafes.ground_station.on_heartbeat` does with one; those of others are left too, for they may be refused.
+    """
+    column = fleet.stored[:, _STATION]
+    stations = np.clip(column, LOW[_STATION], HIGH[_STATION]).astype(np.int64)
+    single = np.empty(len(mail.payloads), dtype=np.bool_)
+    payloads = mail.payloads
+    _take(
+        fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *TABLES, stations, fleet.systems,
+        fleet.watch["station_ns"], single,
+    )  # fmt: skip
+    left: list[int] = np.flatnonzero(single).tolist()
+    return left
