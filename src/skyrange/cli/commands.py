@@ -44,7 +44,7 @@ def run(
     scenario = load(name, changes, seed=seed, buildings=buildings)
     shortfall: ShortfallError | None = None
     if not as_json and not compiled_before():
-        print("compiling the numeric kernels, once (about 10 s)", file=sys.stderr, flush=True)
+        print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
     with progress(scenario.name, quiet=as_json) as on_progress:
         try:
             record = fly(scenario, out, speed=speed, on_progress=on_progress)
@@ -83,7 +83,8 @@ def _print_summary(facts: dict[str, Any]) -> None:
         aircraft.add_column(column, justify="left" if column in ("aircraft", "outcome") else "right")
     for row in facts["vehicles"]:
         good = row["outcome"] == "complete"
-        reason = f" ({escape(row['reason'])})" if row["reason"] and not good else ""
+        why = row["mishap"] or row["reason"]
+        reason = f" ({escape(why)})" if why and not good else ""
         aircraft.add_row(
             row["id"],
             f"[{'green' if good else 'yellow'}]{row['outcome']}[/]{reason}",
