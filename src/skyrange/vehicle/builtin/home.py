@@ -17,7 +17,7 @@ def announce(fleet: Fleet, craft: Craft, causes: Causes) -> None:
 
 def set_home(fleet: Fleet, craft: Craft, place: tuple[float, float, float], causes: Causes) -> None:
     """Move home to a place (ENU metres) and lock it there: arming leaves it."""
-    craft.home = place
+    fleet.take_home(craft, place)
     craft.home_locked = True
     fleet.note("event.home", craft, {"east_m": place[0], "north_m": place[1], "up_m": place[2]}, causes)
     announce(fleet, craft, causes)
