@@ -35,7 +35,8 @@ def kept_rows(time_ns: Ints, values: Floats, budget: int, tolerance: float) -> I
     rows = np.unique(np.linspace(0, count - 1, min(count, STRIDE_ABOVE)).astype(np.int64))
     times = (time_ns[rows] - time_ns[rows[0]]).astype(np.float64)
     points = values[rows]
-    return rows[_kept(times, points, budget, tolerance)]
+    kept: Ints = rows[_kept(times, points, budget, tolerance)]
+    return kept
 
 
 @kernel

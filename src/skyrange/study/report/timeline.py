@@ -205,6 +205,8 @@ def _legend(run: Gathered, modes: dict[str, int]) -> str:
         used.append(("failed", "mission failed"))
     if run.attacks:
         used.append(("attack", "hostile act"))
+    if any(_glyph(row) == "other" and row.kind != "event.mode" for row in run.events):
+        used.append(("other", "another event"))
     for glyph, said in used:
         items.append(
             '<span><svg width="14" height="14" viewBox="-7 -7 14 14" class="mark" aria-hidden="true">'

@@ -37,16 +37,18 @@ def judge_accelerometers(k: Any, now: int, climb: float, off: float, climb_noise
         k.bad_at = now
     else:
         k.good_at = now
-    k.bad = 1 if since < HOLD_NS else 0
-    if k.bad == 1:
+    bad: bool = since < HOLD_NS
+    k.bad = 1 if bad else 0
+    if bad:
         by = climb - k.vel[2]
         k.vel[2] = climb
         k.slack_vel[2] += by
         k.moved_vel[2] += by
-    return k.bad == 1
+    return bad
 
 
 @kernel
 def height_lost(k: Any, now: int) -> bool:
     """Whether to put the height back to the barometer's at once."""
-    return k.bad == 1 and now - k.good_at > RESET_NS
+    lost: bool = k.bad == 1 and now - k.good_at > RESET_NS
+    return lost
