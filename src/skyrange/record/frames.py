@@ -13,7 +13,6 @@ from typing import NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.agent.blocks import FrameBlock, Lanes
@@ -45,11 +44,12 @@ FRAME_SPOOL = pa.schema(
         ("fate", _NAMES),
         ("payload_id", pa.int64()),
         ("size", pa.int32()),
-        ("parent", pa.string()),
+        ("parent_before", _NAMES),
+        ("parent_serial", pa.int64()),
         ("causes", pa.list_(pa.string())),
     ]
 )
-"""Frames as they are spooled: the schema of the table, its names dictionary-encoded."""
+"""Frames as they are spooled: the table's schema with names dictionary-encoded and a parent's id in two parts."""
 
 
 class _Numbers(dict[tuple[str, ...], int]):
@@ -100,7 +100,7 @@ class FrameEncoder:
         self._flow_names = np.zeros((0, 5), dtype=np.int32)
         self._flow_hashes = np.zeros(0, dtype=np.uint64)
         self._origin_hashes = np.zeros(0, dtype=np.uint64)
-        self._prefixes: list[str] = []
+        self._before = pa.array([], pa.string())  # of each origin, what an id has before its serial
         self._dictionary = pa.array([], pa.string())
         self._lanes: Lanes | None = None
         self._lane_flows = np.zeros((0, 2), dtype=np.int64)  # the flow and the origin of each lane, -1 unknown
@@ -141,7 +141,10 @@ class FrameEncoder:
                 pa.DictionaryArray.from_arrays(pa.array(table.fate), _FATE_NAMES),
                 pa.array(table.payload_id),
                 pa.array(table.size),
-                self._parents(table.origin, table.parent_serial),
+                pa.DictionaryArray.from_arrays(
+                    pa.array(table.origin.astype(np.int32), mask=table.origin < 0), self._before
+                ),
+                pa.array(table.parent_serial),
                 _lists(causes, rows),
             ],
             schema=FRAME_SPOOL,
@@ -237,12 +240,8 @@ class FrameEncoder:
         if known < len(self._origins):
             new = list(self._origins)[known:]
             self._origin_hashes = np.concatenate([self._origin_hashes, _hashes(new)])
-            self._prefixes += [str(FrameId(key[0], key[1], key[2], 0)).removesuffix("0") for key in new]
-
-    def _parents(self, origin: NDArray[np.int64], serial: NDArray[np.int64]) -> pa.Array:
-        """Ids as `FrameId` spells them, the serial last; null where `origin` is -1."""
-        prefixes = pa.array(self._prefixes, pa.string()).take(pa.array(origin, mask=origin < 0))
-        return pc.binary_join_element_wise(prefixes, pa.array(serial).cast(pa.string()), "")
+            new_before = [str(FrameId(key[0], key[1], key[2], 0)).removesuffix("0") for key in new]
+            self._before = pa.concat_arrays([self._before, pa.array(new_before, pa.string())])
 
 
 def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:

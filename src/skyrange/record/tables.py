@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -21,9 +22,23 @@ BATCH_ROWS = 65_536
 
 
 def readable(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
-    """A spooled batch with its names as plain strings and the schema's metadata."""
-    arrays = [batch.column(field.name).cast(field.type) for field in schema]
+    """A spooled batch with its names as plain strings, parents' ids in one piece, and the schema's metadata."""
+    spooled = batch.schema.names
+    arrays = [
+        batch.column(field.name).cast(field.type) if field.name in spooled else _PIECED[field.name](batch)
+        for field in schema
+    ]
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _parents(batch: pa.RecordBatch) -> pa.Array:
+    """Ids as `FrameId` spells them, the serial last; null where there is no parent."""
+    before = batch.column("parent_before").cast(pa.string())
+    return pc.binary_join_element_wise(before, batch.column("parent_serial").cast(pa.string()), "")
+
+
+_PIECED = {"parent": _parents}
+"""Columns that a spool keeps in parts, since strings by the thousand cost more than the flight."""
 
 
 @dataclass(frozen=True, slots=True)
