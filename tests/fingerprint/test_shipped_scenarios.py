@@ -16,12 +16,12 @@ from skyrange.study.session import fly
 EVENTS = {
     "city-fleet": "8445bb9deaec5b9568cc62e80b5370e3",
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
-    "head-on": "7e7a20554d8628784e446644e3c56fcc",
+    "head-on": "9189e8a79e36527fdae280a6245b710f",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",
     "wind": "2898e76c3ee8c572c45ebb10544036ce",
 }
-ENDS = dict.fromkeys(EVENTS, "complete") | {"head-on": "failed"}
+ENDS = {name: {"complete"} for name in EVENTS} | {"head-on": {"failed", "unfinished"}}
 """How the mission of every aircraft ends."""
 
 
@@ -32,5 +32,5 @@ def test_every_shipped_scenario_is_pinned() -> None:
 @pytest.mark.parametrize("name", sorted(EVENTS))
 def test_events_are_what_they_were(name: str, tmp_path: Path) -> None:
     record = fly(load(name), tmp_path / "run", report=False)
-    assert {outcome["state"] for outcome in record.outcomes.values()} == {ENDS[name]}
+    assert {outcome["state"] for outcome in record.outcomes.values()} == ENDS[name]
     assert record.manifest["digests"]["events"] == EVENTS[name]

@@ -228,6 +228,32 @@ def test_a_false_height_is_rejected_and_then_believed(hovering: Range) -> None:
     assert watch.truth[-1][2] < watch.truth[0][2] - 8.0  # and comes down
 
 
+def test_a_blow_beyond_the_accelerometers_costs_ten_metres_of_belief_and_not_a_hundred(hovering: Range) -> None:
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        if after_s <= 0.1:
+            sensors.accel_mps2[:, 2] -= 150.0  # 15 m/s down, within 16 g, as of an impact
+
+    watch = Watch(hovering, tamper, 12.0)
+    off = [abs(float(row["pos"][2] - truth[2])) for row, truth in zip(watch.rows, watch.truth, strict=True)]
+    # both innovations must pass three standard deviations (6 m at EK3_ALT_M_NSE 2, 1.5 m/s), which 15 m/s take 0.4 s
+    # for; a fix comes every 0.2 s, 0.12 s late; the 10 s of hgtRetryTimeMode0 without detection would cost 150 m
+    assert 5.0 < max(off) < 20.0
+    assert watch.times[int(np.argmax(off))] < 2.0
+    assert max(off[int(np.searchsorted(watch.times, 4.0)) :]) < 4.0
+    assert abs(watch.at(11.0)[0]["vel"][2]) < 1.0
+
+
+def test_gnss_and_barometer_that_agree_are_believed_against_the_accelerometers(hovering: Range) -> None:
+    def tamper(after_s: float, sensors: Sensors) -> None:
+        sensors.baro_up_m += 40.0
+        sensors.gnss_vel_enu_mps[:, 2] += 10.0 if after_s < 3.0 else 0.0
+
+    watch = Watch(hovering, tamper, 6.0)
+    # BAD_IMU_DATA_TIMEOUT_MS: a second of it, and height is reset to the barometer's, which alone would take 10 s
+    assert watch.first(lambda row: row["pos"][2] > 45.0) < 2.5
+    assert not any(note.get("reset") == "position" for note in watch.notes())
+
+
 def test_a_turned_compass_is_rejected_in_flight(hovering: Range) -> None:
     def tamper(after_s: float, sensors: Sensors) -> None:
         sensors.compass_gauss[:, :2] *= -1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyrange.study.deviation import deviations_m
-from skyrange.study.marks import Mark, alarming, drawn, marks
+from skyrange.study.marks import Mark, alarming, by_weight, drawn, marks, said, told_once, undoing
 from skyrange.study.series import EMPTY_TRACK, Happening, Track, Vehicle
 
 S = 1_000_000_000
@@ -45,6 +45,40 @@ def test_marks_stand_where_the_aircraft_truly_was_in_time_order():
         "blue/b1: collision with green/g1 at 9.9 m/s, 5.0 s",
         "blue/b1: crash, 9.0 s",
     ]
+
+
+def test_a_collision_is_told_once_and_says_how_hard_it_was():
+    first = event("event.collision", **{"with": "green/g1", "speed_mps": 10.03, "energy_j": 37.7})
+    events = [
+        first,
+        event("event.collision", about="green/g1", **{"with": "blue/b1", "speed_mps": 10.03, "energy_j": 37.7}),
+        event("event.crash", time_s=8.0, speed_mps=15.96),
+        event("event.landed", time_s=8.0),
+        event("event.collision", time_s=9.0, **{"with": "green/g1"}),
+        event("event.collision", time_s=9.0, **{"with": "building:3"}),
+    ]
+    assert [said(row) for row in told_once(events)] == [
+        "blue/b1: collision with green/g1 at 10.0 m/s and 38 J, 5.0 s",
+        "blue/b1: crash at 16.0 m/s, 8.0 s",
+        "blue/b1: collision with green/g1, 9.0 s",
+        "blue/b1: collision with building:3, 9.0 s",
+    ]
+
+
+def test_what_undid_a_flight_is_its_first_collision_or_crash():
+    events = [
+        event("event.mode", mode="RTL", reason="gcs_failsafe", time_s=1.0),
+        event("event.crash", time_s=8.0),
+        event("event.collision", **{"with": "green/g1"}),
+        event("event.mode", about="green/g1", mode="RTL", reason="gcs_failsafe"),
+    ]
+    assert undoing(events) == {"blue/b1": "collision with green/g1, 5.0 s"}
+
+
+def test_a_failsafe_does_not_cover_a_crash():
+    kinds = ("crash", "failsafe", "collision", "breach")
+    found = [Mark(time, "a/b", kind, (0.0, 0.0, 0.0), "") for time, kind in enumerate(kinds)]
+    assert [mark.kind for mark in by_weight(found)] == ["failsafe", "breach", "crash", "collision"]
 
 
 def test_a_mark_is_drawn_with_its_words_escaped():

@@ -44,7 +44,7 @@ def run(
     scenario = load(name, changes, seed=seed, buildings=buildings)
     shortfall: ShortfallError | None = None
     if not as_json and not compiled_before():
-        print("compiling the numeric kernels, once (about 10 s)", file=sys.stderr, flush=True)
+        print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
     with progress(scenario.name, quiet=as_json) as on_progress:
         try:
             record = fly(scenario, out, speed=speed, on_progress=on_progress)
@@ -78,21 +78,29 @@ def _print_summary(facts: dict[str, Any]) -> None:
     from rich.table import Table
 
     console = _console()
-    aircraft = Table(title=f"{escape(facts['name'])} · {facts['status']}", title_justify="left", title_style="bold")
-    for column in ("aircraft", "outcome", "finished", "flown", "highest", "frames to its ground station"):
-        aircraft.add_column(column, justify="left" if column in ("aircraft", "outcome") else "right")
-    for row in facts["vehicles"]:
-        good = row["outcome"] == "complete"
-        reason = f" ({escape(row['reason'])})" if row["reason"] and not good else ""
-        aircraft.add_row(
-            row["id"],
-            f"[{'green' if good else 'yellow'}]{row['outcome']}[/]{reason}",
-            "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
-            f"{row['distance_m']:.0f} m",
-            f"{row['highest_m']:.1f} m",
-            f"{row['frames_received']:,} of {row['frames_sent']:,}",
-        )
-    console.print(aircraft)
+    title = f"{escape(facts['name'])} · {facts['status']}"
+    rows = facts["vehicles"]
+    if len(rows) > MOST_AIRCRAFT:
+        _print_operators(console, title, rows)
+        rows = [row for row in rows if row["outcome"] != "complete"]
+        title = f"not complete: {len(rows)}" + (f", the first {MOST_AIRCRAFT}" if len(rows) > MOST_AIRCRAFT else "")
+    if rows:
+        aircraft = Table(title=title, title_justify="left", title_style="bold")
+        for column in ("aircraft", "outcome", "finished", "flown", "highest", "frames to its ground station"):
+            aircraft.add_column(column, justify="left" if column in ("aircraft", "outcome") else "right")
+        for row in rows[:MOST_AIRCRAFT]:
+            good = row["outcome"] == "complete"
+            why = row["mishap"] or row["reason"]
+            reason = f" ({escape(why)})" if why and not good else ""
+            aircraft.add_row(
+                row["id"],
+                f"[{'green' if good else 'yellow'}]{row['outcome']}[/]{reason}",
+                "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
+                f"{row['distance_m']:.0f} m",
+                f"{row['highest_m']:.1f} m",
+                f"{row['frames_received']:,} of {row['frames_sent']:,}",
+            )
+        console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
     timings = facts["timings"]
     factor = timings.get("real_time_factor")
@@ -104,6 +112,31 @@ def _print_summary(facts: dict[str, Any]) -> None:
     console.print(f"run    {facts['path']}", soft_wrap=True, markup=False)
     if facts["report"]:
         console.print(f"report {facts['report']}", soft_wrap=True, markup=False)
+
+
+MOST_AIRCRAFT = 60
+"""Rows of a summary's table; of a larger fleet it has a row per operator, and those that did not complete."""
+
+
+def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]]) -> None:
+    """A fleet too large for a row each: how many of each operator's missions are complete, and how far they flew."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for column in ("operator", "aircraft", "complete", "last finished", "flown, mean", "highest"):
+        table.add_column(column, justify="left" if column == "operator" else "right")
+    for name in dict.fromkeys(row["operator"] for row in rows):
+        own = [row for row in rows if row["operator"] == name]
+        finished = [row["finished_s"] for row in own if row["finished_s"] is not None]
+        table.add_row(
+            name,
+            f"{len(own):,}",
+            f"{sum(row['outcome'] == 'complete' for row in own):,}",
+            f"{max(finished):.1f} s" if finished else "–",
+            f"{sum(row['distance_m'] for row in own) / len(own):.0f} m",
+            f"{max(row['highest_m'] for row in own):.1f} m",
+        )
+    console.print(table)
 
 
 MOST_MISHAPS = 12

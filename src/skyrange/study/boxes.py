@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study import svg
-from skyrange.study.marks import Mark, drawn
+from skyrange.study.marks import Mark, by_weight, drawn
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.subject import Subject
 from skyrange.study.thin import kept_rows
@@ -58,7 +58,7 @@ def box(
         shadow[:, 2] = low[2]
         parts.append(subject.line(vehicle, project(shadow), "0.22", "1.2"))
         parts.append(subject.line(vehicle, project(track.enu_m[rows])))
-    parts += [drawn(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in marks]
+    parts += [drawn(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
     if rise > 1.05:
         parts.append(svg.text(width - 12, height - 8, f"up drawn ×{rise:.1f}", "end", 10, 'opacity=".6"'))
     return "".join(parts)

@@ -19,7 +19,7 @@ from skyrange.study import svg
 from skyrange.study.boxes import box
 from skyrange.study.chart import over_time
 from skyrange.study.deviation import deviations_m
-from skyrange.study.marks import Mark, drawn, marks_of
+from skyrange.study.marks import Mark, by_weight, drawn, marks_of
 from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
 from skyrange.study.subject import Subject, subject_of
 from skyrange.study.svg import Figure, number
@@ -124,7 +124,7 @@ def draw_plan(
         _plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
         for vehicle in subject.fleet
     )
-    body += [drawn(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in marks]
+    body += [drawn(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
     body.append(_scale_bar(scale, width, height))
     body.append(
         f'<g transform="translate({number(width - 28)} 30)"><path d="M0 -18L7 8L0 3L-7 8z" fill="currentColor"/>'

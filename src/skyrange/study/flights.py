@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
+from skyrange.study.marks import undoing
 from skyrange.study.series import Happening, Record, Track, Vehicle, gaps_m
 
 
@@ -15,13 +16,15 @@ from skyrange.study.series import Happening, Record, Track, Vehicle, gaps_m
 class Flight:
     """One aircraft's flight in numbers; `None` where the record does not say.
 
-    `state` is `complete`, `failed` or `unfinished`. `airborne_s` sums the spans from take-off to landing;
+    `state` is `complete`, `failed` or `unfinished`; `reason` is the ground station's, `mishap` what truly happened: the
+    first collision or crash in words, "" without one. `airborne_s` sums the spans from take-off to landing or crash;
     `max_gap_m` and `p95_gap_m` are distances between what its ground station believed on reception and the truth.
     """
 
     vehicle: Vehicle
     state: str
     reason: str
+    mishap: str
     finished_s: float | None
     airborne_s: float | None
     distance_m: float
@@ -43,6 +46,7 @@ def flights(
     """One `Flight` per aircraft of `fleet`; outcomes from the manifest, else from `event.outcome`."""
     rows = []
     declared = record.manifest.get("outcomes") or {}
+    ends = undoing(events)
     for vehicle in fleet:
         own = [event for event in events if event.about.split(".", 1)[0] == vehicle.id]
         said = [event for event in own if event.kind == "event.outcome"]
@@ -56,6 +60,7 @@ def flights(
                 vehicle=vehicle,
                 state=str(outcome.get("state") or "unfinished"),
                 reason=str(outcome.get("reason") or ""),
+                mishap=ends.get(vehicle.id, ""),
                 finished_s=None if finished is None else float(finished),
                 airborne_s=_airborne_s(own, path),
                 distance_m=path.distance_m if path is not None else 0.0,
@@ -69,14 +74,17 @@ def flights(
     return rows
 
 
+_DOWN = frozenset({"event.landed", "event.crash", "event.disarmed"})
+
+
 def _airborne_s(own: Sequence[Happening], path: Track | None) -> float | None:
-    """Seconds between take-offs and landings; an unfinished flight counts to the end of its truth."""
+    """Seconds between take-offs and landings, crashes or motors off; an unfinished flight counts to its truth's end."""
     total, since = 0, None
     flew = False
     for event in own:
         if event.kind == "event.takeoff" and since is None:
             since, flew = event.time_ns, True
-        elif event.kind == "event.landed" and since is not None:
+        elif event.kind in _DOWN and since is not None:
             total, since = total + event.time_ns - since, None
     if since is not None and path is not None and len(path):
         total += max(0, int(path.time_ns[-1]) - since)

@@ -75,15 +75,16 @@ class LinkStats:
         self.latency_max_s = max(self.latency_max_s, other.latency_max_s)
         self._latencies += other._latencies
 
-    def take(self, fate: str, sizes: NDArray[np.int64], latencies_ns: NDArray[np.float64]) -> None:
-        """Count frames of one fate; `latencies_ns` (n,) is read only for delivered ones."""
-        self.fates[fate] = self.fates.get(fate, 0) + int(sizes.shape[0])
-        self.size_bytes += int(sizes.sum())
-        if fate == Fate.DELIVERED and len(latencies_ns):
-            self.latency_max_s = max(self.latency_max_s, float(latencies_ns.max()) * 1e-9)
-            self.latency_sum_s += float(latencies_ns.sum()) * 1e-9
-            bins = np.clip(np.log10(np.maximum(latencies_ns, 1.0)) * _BINS_PER_DECADE, 0, _BINS - 1)
-            self._latencies += np.bincount(bins.astype(np.int64), minlength=_BINS)
+    def take(self, fate: str, count: int, size_bytes: int) -> None:
+        """Count frames of one fate."""
+        self.fates[fate] = self.fates.get(fate, 0) + count
+        self.size_bytes += size_bytes
+
+    def took(self, sum_s: float, most_s: float, bins: NDArray[np.int64], counts: NDArray[np.int64]) -> None:
+        """Count latencies of delivered frames: their sum, the largest, and how many (n,) fell into which bins (n,)."""
+        self.latency_sum_s += sum_s
+        self.latency_max_s = max(self.latency_max_s, most_s)
+        self._latencies[bins] += counts
 
 
 def link_stats(record: Record) -> list[LinkStats]:
@@ -107,12 +108,14 @@ def summed(stats: Iterable[LinkStats]) -> list[LinkStats]:
 
 
 def _entry(found: dict[tuple[str, str], LinkStats], link: str, direction: str) -> LinkStats:
-    kind, _, owner = link.partition(":")
-    return found.setdefault((link, direction), LinkStats(kind, owner, direction))
+    if (link, direction) not in found:
+        kind, _, owner = link.partition(":")
+        found[link, direction] = LinkStats(kind, owner, direction)
+    return found[link, direction]
 
 
 def _count(found: dict[tuple[str, str], LinkStats], batch: Any) -> None:
-    """Add one batch of frames, grouped by link, direction and fate."""
+    """Add one batch of frames by link, direction and fate; sums are arrays, as a large fleet has many groups."""
     if not batch.num_rows:
         return
     key = pc.binary_join_element_wise(batch.column("link"), batch.column("direction"), batch.column("fate"), "\n")
@@ -122,9 +125,20 @@ def _count(found: dict[tuple[str, str], LinkStats], batch: Any) -> None:
     sent = batch.column("sent_ns").to_numpy(zero_copy_only=False)
     arrived = batch.column("arrived_ns").fill_null(0).to_numpy(zero_copy_only=False)
     latency = (arrived - sent).astype(np.float64)
-    order = np.argsort(index, kind="stable")
-    bounds = np.searchsorted(index[order], np.arange(len(codes.dictionary) + 1))
-    for number, name in enumerate(codes.dictionary.to_pylist()):
-        rows = order[bounds[number] : bounds[number + 1]]
+    groups = len(codes.dictionary)
+    counts = np.bincount(index, minlength=groups).tolist()
+    size_sums = np.bincount(index, weights=sizes, minlength=groups).tolist()
+    sums_s = (np.bincount(index, weights=latency, minlength=groups) * 1e-9).tolist()
+    most_ns = np.zeros(groups)
+    np.maximum.at(most_ns, index, latency)
+    bins = np.clip(np.log10(np.maximum(latency, 1.0)) * _BINS_PER_DECADE, 0, _BINS - 1).astype(np.int64)
+    places, times = np.unique(index.astype(np.int64) * _BINS + bins, return_counts=True)
+    bounds = np.searchsorted(places, np.arange(groups + 1) * _BINS).tolist()
+    places %= _BINS
+    for group, name in enumerate(codes.dictionary.to_pylist()):
         link, direction, fate = name.split("\n")
-        _entry(found, link, direction).take(fate, sizes[rows], latency[rows])
+        entry = _entry(found, link, direction)
+        entry.take(fate, counts[group], int(size_sums[group]))
+        if fate == Fate.DELIVERED:
+            part = slice(bounds[group], bounds[group + 1])
+            entry.took(sums_s[group], float(most_ns[group]) * 1e-9, places[part], times[part])

@@ -13,6 +13,7 @@ from skyrange.study.series import Happening, Record, Track, happenings, truth_tr
 from skyrange.study.svg import number
 
 _KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
+_VIOLENT = frozenset({"collision", "crash"})
 _REASONS = frozenset({"gps_glitch", "fence_breached", "avoidance", "terrain_following_failed"})
 """ArduCopter's ModeReasons besides those in …_failsafe that no pilot or mission gave (libraries/…/ModeReason.h)."""
 
@@ -49,22 +50,55 @@ def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark
     return sorted(found, key=lambda mark: mark.time_ns)
 
 
+def told_once(rows: Iterable[Happening]) -> list[Happening]:
+    """The alarming ones among events in time order; of the two that a collision makes, the first."""
+    seen: set[tuple[int, str, str]] = set()
+    kept = []
+    for row in rows:
+        kind = alarming(row)
+        other = str(row.data.get("with", "")) if kind == "collision" else ""
+        if kind and (row.time_ns, other, row.about) not in seen:
+            seen.add((row.time_ns, row.about, other))
+            kept.append(row)
+    return kept
+
+
+def undoing(events: Iterable[Happening]) -> dict[str, str]:
+    """By vehicle, in words, the first collision or crash that befell it: why its ground station saw it stop."""
+    found: dict[str, str] = {}
+    for row in sorted(events, key=lambda row: row.time_ns):
+        if alarming(row) in _VIOLENT:
+            found.setdefault(row.about.split(".", 1)[0], f"{_what(row)}, {row.time_ns / NS_PER_S:.1f} s")
+    return found
+
+
 def said(row: Happening) -> str:
-    """An alarming event in words."""
-    time_s = row.time_ns / NS_PER_S
-    what = row.kind.partition(".")[2].replace("_", " ")
-    if row.kind == "event.mode":
-        what = f"{row.data.get('mode', '?')} for {str(row.data.get('reason', '')).replace('_', ' ')}"
-    elif row.kind == "event.collision":
-        what = f"collision with {row.data.get('with', '?')}"
+    """An alarming event in words: about whom, what, how fast and with what energy, when."""
+    what = _what(row)
+    if row.kind in ("event.collision", "event.crash"):
         if isinstance(speed := row.data.get("speed_mps"), (int, float)):
             what += f" at {speed:.1f} m/s"
-    return f"{row.about}: {what}, {time_s:.1f} s"
+        if isinstance(energy := row.data.get("energy_j"), (int, float)):
+            what += f" and {energy:.0f} J"
+    return f"{row.about}: {what}, {row.time_ns / NS_PER_S:.1f} s"
+
+
+def _what(row: Happening) -> str:
+    if row.kind == "event.mode":
+        return f"{row.data.get('mode', '?')} for {str(row.data.get('reason', '')).replace('_', ' ')}"
+    if row.kind == "event.collision":
+        return f"collision with {row.data.get('with', '?')}"
+    return row.kind.partition(".")[2].replace("_", " ")
+
+
+def by_weight(found: Iterable[Mark]) -> list[Mark]:
+    """In the order to draw them, so that a failsafe after a crash does not cover the crash."""
+    return sorted(found, key=lambda mark: mark.kind in _VIOLENT)
 
 
 def drawn(mark: Mark, x: float, y: float) -> str:
     """SVG at a pixel: a cross for a collision or crash, a triangle for what turned an aircraft around."""
-    violent = mark.kind in ("collision", "crash")
+    violent = mark.kind in _VIOLENT
     shape = "M-6 -6L6 6M6 -6L-6 6" if violent else "M0 -7L7 5H-7z"
     return (
         f'<g class="mishap" transform="translate({number(x)} {number(y)})">'

@@ -8,9 +8,12 @@ as true as its line. Splitting goes worst first, so a budget of samples is spent
 from __future__ import annotations
 
 import heapq
+import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,26 +35,42 @@ def kept_rows(time_ns: Ints, values: Floats, budget: int, tolerance: float) -> I
     rows = np.unique(np.linspace(0, count - 1, min(count, STRIDE_ABOVE)).astype(np.int64))
     times = (time_ns[rows] - time_ns[rows[0]]).astype(np.float64)
     points = values[rows]
-    keep = [0, len(rows) - 1]
-    heap: list[tuple[float, int, int, int]] = []
-    _push(heap, times, points, 0, len(rows) - 1)
-    while heap and len(keep) < budget:
-        worst, first, split, last = heapq.heappop(heap)
+    kept: Ints = rows[_kept(times, points, budget, tolerance)]
+    return kept
+
+
+@kernel
+def _kept(times: Floats, points: Floats, budget: int, tolerance: float) -> Ints:
+    """Row numbers, ascending, of the samples (n,) of which to keep at most `budget`."""
+    last = len(times) - 1
+    keep = np.zeros(len(times), dtype=np.bool_)
+    keep[0] = keep[last] = True
+    count = 2
+    heap = [_worst(times, points, 0, last)]
+    while len(heap) > 0 and count < budget:
+        worst, first, split, end = heapq.heappop(heap)
         if -worst <= tolerance:
             break
-        keep.append(split)
-        _push(heap, times, points, first, split)
-        _push(heap, times, points, split, last)
-    return rows[np.sort(np.array(keep, dtype=np.int64))]
+        keep[split] = True
+        count += 1
+        if split - first > 1:
+            heapq.heappush(heap, _worst(times, points, first, split))
+        if end - split > 1:
+            heapq.heappush(heap, _worst(times, points, split, end))
+    return np.nonzero(keep)[0].astype(np.int64)
 
 
-def _push(heap: list[tuple[float, int, int, int]], times: Floats, points: Floats, first: int, last: int) -> None:
-    """Queue the stretch between two kept samples by its worst departure from the straight line in time."""
-    if last - first < 2:
-        return
+@kernel
+def _worst(times: Floats, points: Floats, first: int, last: int) -> tuple[float, int, int, int]:
+    """The worst departure between two kept samples from the straight line in time: (-distance, first, row, last)."""
     span = times[last] - times[first]
-    part = ((times[first + 1 : last] - times[first]) / span if span > 0 else np.zeros(last - first - 1))[:, None]
-    straight = points[first] + part * (points[last] - points[first])
-    squared = ((points[first + 1 : last] - straight) ** 2).sum(axis=1)
-    worst = int(np.argmax(squared))
-    heapq.heappush(heap, (-float(np.sqrt(squared[worst])), first, first + 1 + worst, last))
+    found, most = first + 1, -1.0
+    for row in range(first + 1, last):
+        part = (times[row] - times[first]) / span if span > 0.0 else 0.0
+        squared = 0.0
+        for column in range(points.shape[1]):
+            off = points[row, column] - (points[first, column] + part * (points[last, column] - points[first, column]))
+            squared += off * off
+        if squared > most:
+            found, most = row, squared
+    return -math.sqrt(most), first, found, last

@@ -36,6 +36,7 @@ def render(record: Record) -> str:
         outcomes=sections.outcomes(run),
         panels=_panels(run),
         plan=figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks).svg,
+        marks="; crosses collisions and crashes, triangles failsafes" if run.marks else "",
         altitude=figures.draw_altitude(run.subject, run.truth).svg,
         gaps=sections.gaps(run),
         links=linktable.links(run),

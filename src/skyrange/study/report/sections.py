@@ -155,9 +155,15 @@ def _outcome(run: Gathered, index: int, flight: Flight, top: float) -> str:
     )
     return (
         f'<tr data-v="{index}"><th scope=row>{words.named(index, vehicle.id)}<small>{escape(kit)}</small></th>'
-        f'<td><span class="badge {css}">{escape(said)}</span><small class="reason">{escape(flight.reason)}</small></td>'
+        f'<td><span class="badge {css}">{escape(said)}</span><small class="reason">{_why(flight)}</small></td>'
         f"<td class=spark>{_spark(run.truth[vehicle.id], index, top, run)}</td>{numbers}</tr>"
     )
+
+
+def _why(flight: Flight) -> str:
+    """What befell it, then what its ground station made of that."""
+    befell = f"<b>{escape(flight.mishap)}</b>" if flight.mishap else ""
+    return " · ".join(part for part in (befell, escape(flight.reason)) if part)
 
 
 def _gap(index: int, flight: Flight, worst: float) -> str:

@@ -15,6 +15,8 @@ from skyrange.study.svg import label, ticks
 
 MOST_MARKS = 400
 """Marks drawn in one lane; later ones are in the table."""
+MOST_LANES = 24
+"""Lanes of a larger fleet scroll in a box of their own, below a time axis that stays."""
 MOST_ROWS = 1_500
 """Rows of one table on the page."""
 
@@ -34,7 +36,8 @@ _GLYPHS = {
     "event.battery": ("alarm", "battery low"),
     "event.estimator": ("alarm", "estimator"),
     "event.glitch": ("alarm", "GNSS glitch"),
-    "event.outcome": ("outcome", "mission outcome"),
+    "event.ekf_failsafe": ("alarm", "estimator failsafe"),
+    "event.outcome": ("outcome", "mission complete"),
 }
 _SHAPES = {
     "armed": '<circle r="4.5" class="hollow"/>',
@@ -47,7 +50,7 @@ _SHAPES = {
     "alarm": '<path d="M0 -6L6 5H-6z" class="hollow stroke alarm"/>',
     "crash": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
     "outcome": '<path d="M-5 0L-1.5 4L5.5 -5" class="stroke good"/>',
-    "failed": '<path d="M-5 -5L5 5M5 -5L-5 5" class="stroke alarm"/>',
+    "failed": '<circle r="6" class="hollow alarm"/><path d="M-2 -2L2 2M2 -2L-2 2" class="stroke alarm"/>',
     "attack": '<path d="M0 -11V11" class="stroke alarm"/>',
     "other": '<circle r="2.6"/>',
 }
@@ -85,7 +88,9 @@ def lanes(run: Gathered) -> str:
             f'<svg class="lane-marks ink-{index}" height="26" role="img" aria-label="{_spoken(vehicle.id, own)}">'
             f"{_bands(run, own, modes)}{_marks(run, own)}</svg></div>"
         )
-    return f'{_legend(run, modes)}<div class="lanes" id="lanes">{"".join(rows)}<div class="now" hidden></div></div>'
+    many = " many" if len(run.fleet) > MOST_LANES else ""
+    drawn = f'<div class="lanes" id="lanes">{"".join(rows)}<div class="now" hidden></div></div>'
+    return f'{_legend(run, modes)}<div class="scroll{many}">{drawn}</div>'
 
 
 def table(rows: Sequence[Happening], run: Gathered, name: str, title: str) -> str:
@@ -166,8 +171,10 @@ def _glyph(row: Happening) -> str:
         return "attack"
     if row.kind == "event.mode":
         return "alarm"
-    if row.kind == "event.outcome" and row.data.get("state") == "failed":
+    if row.kind == "event.outcome" and row.data.get("state") != "complete":
         return "failed"
+    if row.data.get("on") is False:  # over again
+        return "other"
     speed = row.data.get("speed_mps")
     if row.kind == "event.contact" and isinstance(speed, float) and speed > HARD_MPS:
         return "crash"
@@ -189,13 +196,17 @@ def _axis(run: Gathered) -> str:
 
 
 def _legend(run: Gathered, modes: dict[str, int]) -> str:
-    seen = {row.kind for row in run.events}
+    seen = {row.kind for row in run.events if _glyph(row) == _GLYPHS.get(row.kind, ("", ""))[0]}
     items = [f'<span><i class="mode-{place % 8}"></i>{escape(mode)}</span>' for mode, place in modes.items()]
     used = [pair for kind, pair in _GLYPHS.items() if kind in seen]
     if any(alarming(row) == "failsafe" for row in run.events):
         used.append(("alarm", "failsafe"))
+    if any(_glyph(row) == "failed" for row in run.events):
+        used.append(("failed", "mission failed"))
     if run.attacks:
         used.append(("attack", "hostile act"))
+    if any(_glyph(row) == "other" and row.kind != "event.mode" for row in run.events):
+        used.append(("other", "another event"))
     for glyph, said in used:
         items.append(
             '<span><svg width="14" height="14" viewBox="-7 -7 14 14" class="mark" aria-hidden="true">'

@@ -109,8 +109,9 @@ const buildScene = () => {
       ctx.globalAlpha = 1;
     }
   };
+  const byWeight = [...RUN.marks].sort((a, b) => Number(a.kind === "collision" || a.kind === "crash") - Number(b.kind === "collision" || b.kind === "crash"));
   const drawMarks = (ctx) => {                                          // what went wrong up to now, where it did
-    for (const m of RUN.marks) {
+    for (const m of byWeight) {
       const p = m.t <= state.t + 1e-6 && camera.project(...m.at);
       if (!p) continue;
       const violent = m.kind === "collision" || m.kind === "crash", r = violent ? 6 : 7;

@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import Any
 
 from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.estimation.disbelief import ACCEL_NOISE_MPS2
 from skyrange.vehicle.builtin.estimation.state import POS_VARIANCE_MAX, TARGET_DT_S, VARIANCE_MIN, VEL_VARIANCE_MAX
 from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.shaping import clamp
@@ -25,7 +26,8 @@ from skyrange.vehicle.builtin.shaping import clamp
 def predict(k: Any, p: Any, dt_s: float) -> None:
     """Let the uncertainty grow over a step."""
     noise_s = TARGET_DT_S * dt_s
-    accel = p.EK3_ACC_P_NSE * p.EK3_ACC_P_NSE * noise_s
+    spread = p.EK3_ACC_P_NSE if k.bad == 0 else ACCEL_NOISE_MPS2
+    accel = spread * spread * noise_s
     gyro = p.EK3_GYRO_P_NSE * p.EK3_GYRO_P_NSE * noise_s
     gyro_bias = p.EK3_GBIAS_P_NSE * p.EK3_GBIAS_P_NSE * noise_s
     accel_bias = p.EK3_ABIAS_P_NSE * p.EK3_ABIAS_P_NSE * noise_s
@@ -61,6 +63,9 @@ def predict(k: Any, p: Any, dt_s: float) -> None:
     u[3] = clamp(vv - dt_s * va - dt_s * (va - dt_s * aa) + accel, VARIANCE_MIN, VEL_VARIANCE_MAX)
     u[4] = va - dt_s * aa
     u[5] = min(aa + accel_bias, 1.0)
+    if k.bad == 1:  # ConstrainVariances: no surer than the sensors
+        u[0] = max(u[0], p.EK3_ALT_M_NSE * p.EK3_ALT_M_NSE)
+        u[3] = max(u[3], p.EK3_VELD_M_NSE * p.EK3_VELD_M_NSE)
 
     w = k.turn
     w[0] = min(w[0] + 2.0 * dt_s * w[1] + dt_s * dt_s * w[2] + gyro, 1.0)
@@ -125,7 +130,8 @@ def correct_up(k: Any, gains: tuple[float, float, float], by: float) -> None:
     k.vel[2] += k_v * by
     k.slack_vel[2] += k_v * by
     k.moved_vel[2] += k_v * by
-    k.accel_bias += k_a * by
+    if k.bad == 0:
+        k.accel_bias += k_a * by
 
 
 @kernel

@@ -19,6 +19,7 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin.estimation.aiding import check_aiding, receiver_passes
 from skyrange.vehicle.builtin.estimation.compass import align_yaw, read_compass, turned
 from skyrange.vehicle.builtin.estimation.covariance import predict
+from skyrange.vehicle.builtin.estimation.disbelief import HOLD_NS
 from skyrange.vehicle.builtin.estimation.gnss import claimed, read_fix
 from skyrange.vehicle.builtin.estimation.height import read_baro
 from skyrange.vehicle.builtin.estimation.report import report
@@ -131,6 +132,8 @@ def begin(
         k.innov_pass = k.innov_fail = now
         k.innov_good = k.sacc_good = 1
         k.vel_aiding = 1
+        k.bad_at = now - 3 * HOLD_NS  # long past
+        k.good_at = now
         k.fix_time = time[i]
         k.fix_at = now
         k.baro_at = k.compass_at = now - STEP_NS

@@ -27,6 +27,7 @@ from skyrange.vehicle.builtin.estimation.covariance import (
     take_level,
     take_up,
 )
+from skyrange.vehicle.builtin.estimation.disbelief import judge_accelerometers
 from skyrange.vehicle.builtin.estimation.state import (
     HEIGHT_MAX_M,
     INTERVAL_MIN_NS,
@@ -145,6 +146,9 @@ def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: 
     v_e = fix[3] - then[3] - k.moved_vel[0]
     v_n = fix[4] - then[4] - k.moved_vel[1]
     v_u = fix[5] - then[5] - k.moved_vel[2]
+    bad = judge_accelerometers(k, now, fix[5], v_u, climb_noise, clamp(p.EK3_ALT_M_NSE, 0.1, 100.0) ** 2)
+    if bad:
+        v_u = 0.0
 
     spread = 2.0 * (k.level[0] + pos_noise)
     k.pos_test = (d_e * d_e + d_n * d_n) / (gate(p.EK3_POS_I_GATE) * spread)
@@ -156,7 +160,7 @@ def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: 
         k.pos_pass = now
         widen_pos = k.pos_test
         pos_passed = True
-    fuse_pos = pos_passed or k.pos_timeout == 1
+    fuse_pos = pos_passed or k.pos_timeout == 1 or bad
     fuse_vel = True
     if fuse_pos:
         radius = p.EK3_GLITCH_RAD
@@ -182,7 +186,7 @@ def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: 
             passed = True
         if k.vel_timeout == 1:
             _reset_velocity(k, p, now, fix)
-        elif passed:
+        elif passed or bad:
             _fuse_velocity(e, k, v_e, v_n, v_u, vel_noise * noise * noise, climb_noise * noise * noise, widen_vel)
             if fuse_pos:  # what the velocity has moved already
                 d_e = fix[0] - then[0] - k.moved_pos[0]

@@ -12,6 +12,7 @@ from typing import Any
 from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin.estimation.covariance import correct_level, correct_up, take_level, take_up
+from skyrange.vehicle.builtin.estimation.disbelief import height_lost
 from skyrange.vehicle.builtin.estimation.gnss import gate
 from skyrange.vehicle.builtin.estimation.state import (
     HEIGHT_MAX_M,
@@ -51,11 +52,12 @@ def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> N
     k.hgt_test = by * by / (gate(p.EK3_HGT_I_GATE) * variance)
     loose = 3.0 if k.aiding == _NONE and not armed else 1.0
     passed = k.hgt_test < loose
+    k.hgt_off = by
     if passed:
         k.hgt_pass = now
     if k.hgt_timeout == 1:
         _reset(k, p, now, noise, armed)
-    elif passed:
+    elif passed or k.bad == 1:
         u = k.up
         correct_up(k, take_up(u, u[0], u[1], u[2], variance), by)
     most = clamp(p.EK3_ACC_BIAS_LIM, 0.0, 5.0)
@@ -66,7 +68,7 @@ def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> N
 @kernel
 def _time_out(k: Any, now: int) -> None:
     retry = HGT_RETRY_VEL_NS if k.vel_timeout == 0 else HGT_RETRY_NS
-    k.hgt_timeout = 1 if now - k.hgt_pass > retry else 0
+    k.hgt_timeout = 1 if now - k.hgt_pass > retry or height_lost(k, now) else 0
 
 
 @kernel
@@ -91,6 +93,7 @@ def _reset(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
     k.hgt_timeout = 0
     k.hgt_pass = now
     k.hgt_test = 0.0
+    k.hgt_off = 0.0
     k.news |= _HEIGHT
 
 

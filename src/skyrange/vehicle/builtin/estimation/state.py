@@ -154,6 +154,10 @@ FILTER: Final = np.dtype(
         # barometer and compass
         ("baro", "f8"),
         ("baro_at", "i8"),
+        ("hgt_off", "f8"),  # the last reading less what was believed, m
+        ("bad", "i8"),  # badIMUdata
+        ("bad_at", "i8"),  # when it was last detected
+        ("good_at", "i8"),  # when it was last not
         ("compass", "f8", (3,)),
         ("compass_at", "i8"),
     ]

@@ -1,0 +1,54 @@
+"""When are the accelerometers not believed? When height and climb rate both say so: badIMUdata.
+
+An impact, or vibration beyond their range, leaves the inertial climb rate wrong, and height runs away with it. GNSS and
+the barometer would be rejected then for as long as their gates say. EKF3 sees that both err to the same side, and for
+10 s takes whatever they measure (NavEKF3_core::FuseVelPosNED, selectHeightForFusion, CovariancePrediction).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from skyrange.core.compiled import kernel
+from skyrange.core.time import NS_PER_S
+
+HOLD_NS: Final = 10 * NS_PER_S
+"""BAD_IMU_DATA_HOLD_MS."""
+RESET_NS: Final = NS_PER_S
+"""BAD_IMU_DATA_TIMEOUT_MS: so long without good data, and height is the barometer's."""
+ACCEL_NOISE_MPS2: Final = 5.0
+"""BAD_IMU_DATA_ACC_P_NSE: the accelerometers' process noise meanwhile."""
+
+
+@kernel
+def judge_accelerometers(k: Any, now: int, climb: float, off: float, climb_noise: float, height_noise: float) -> bool:
+    """At a fix: whether to disbelieve; then the climb rate becomes the fix's.
+
+    `climb` is the fix's, `off` how much that is above the believed one of its time, m/s. Noises are variances. Both
+    innovations must lie beyond three standard deviations to the same side, and beyond two or one soon after.
+    """
+    since = now - k.bad_at
+    gain = 9.0
+    if since <= 3 * HOLD_NS // 2:
+        gain = 1.0
+    elif since <= 2 * HOLD_NS:
+        gain = 4.0
+    if k.hgt_off * off > 0.0 and k.hgt_off**2 > gain * height_noise and off * off > gain * climb_noise:
+        k.bad_at = now
+    else:
+        k.good_at = now
+    bad: bool = since < HOLD_NS
+    k.bad = 1 if bad else 0
+    if bad:
+        by = climb - k.vel[2]
+        k.vel[2] = climb
+        k.slack_vel[2] += by
+        k.moved_vel[2] += by
+    return bad
+
+
+@kernel
+def height_lost(k: Any, now: int) -> bool:
+    """Whether to put the height back to the barometer's at once."""
+    lost: bool = k.bad == 1 and now - k.good_at > RESET_NS
+    return lost

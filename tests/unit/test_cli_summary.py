@@ -1,0 +1,59 @@
+"""What does the summary of a run say on a terminal? Causes first, and a large fleet by operator."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from skyrange.cli import commands
+
+
+def aircraft(name: str, **changes: Any) -> dict[str, Any]:
+    known = {
+        "id": name, "operator": name.split("/")[0], "outcome": "complete", "reason": "", "mishap": None,
+        "finished_s": 50.0, "distance_m": 100.0, "highest_m": 20.0, "frames_sent": 9, "frames_received": 9,
+    }  # fmt: skip
+    return {**known, **changes}
+
+
+def said(rows: list[dict[str, Any]], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setenv("COLUMNS", "160")
+    facts = {
+        "name": "some", "status": "complete", "vehicles": rows, "mishaps": [], "timings": {}, "simulated_s": 60.0,
+        "frames": 9, "seed": 1, "fingerprint": None, "path": "runs/some", "report": None,
+    }  # fmt: skip
+    commands._print_summary(facts)
+    return capsys.readouterr().out
+
+
+def test_a_collision_explains_an_outcome_better_than_the_ground_station_can(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        aircraft("a/1", outcome="failed", reason="disarmed at item 3 of 19", mishap="collision with b/1, 35.2 s"),
+        aircraft("a/2", outcome="failed", reason="rejected"),
+        aircraft("a/3", mishap="collision with building:2, 9.0 s"),
+    ]
+    out = said(rows, capsys, monkeypatch)
+    assert "failed (collision with b/1, 35.2 s)" in out
+    assert "disarmed" not in out
+    assert "failed (rejected)" in out
+    assert "building:2" not in out  # it completed its mission all the same
+
+
+def test_a_large_fleet_is_said_by_operator_and_names_who_did_not_complete(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count = commands.MOST_AIRCRAFT
+    rows = [aircraft(f"{operator}/{number}") for operator in ("blue", "red") for number in range(count)]
+    out = said(rows, capsys, monkeypatch)
+    assert "blue/0" not in out
+    assert "not complete" not in out
+    assert [line.split()[1:6:2] for line in out.splitlines() if "red " in line] == [["red", str(count), str(count)]]
+    rows[count + 3] |= {"outcome": "failed", "reason": "link lost"}
+    out = said(rows, capsys, monkeypatch)
+    assert "not complete: 1" in out
+    assert "failed (link lost)" in out
+    assert "red/3" in out
+    assert "red/4" not in out
