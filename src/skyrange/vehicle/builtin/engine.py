@@ -135,6 +135,7 @@ class BuiltinFleet:
         fleet = self._fleet
         fleet.now = tick
         fleet.outbox = Outbox()
+        fleet.rotors = sensors.rotor_radps
         dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
         self._last = tick
         if self._estimator.update(tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], fleet.settings):

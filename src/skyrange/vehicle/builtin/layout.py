@@ -44,6 +44,7 @@ ESTIMATE: Final = np.dtype(
         ("gnss_hdop", "f8"),
         ("gnss_pos", "f8", (3,)),
         ("gnss_vel", "f8", (3,)),
+        ("gnss_acc", "f8", (3,)),  # what the receiver claims: level m, up m, speed m/s
         ("gnss_age_s", "f8"),  # since the last fix came
         ("baro_up", "f8"),
         ("compass", "f8", (3,)),  # gauss, body

@@ -30,6 +30,7 @@ _LAST_BY_HAND: Final = 1
 """STABILIZE and ACRO do not hold a height either."""
 _AUTO: Final = int(Mode.AUTO)
 _BOARD_MV: Final = 5000
+_MCU_MV, _MCU_CDEG = 3300, 4500
 _MEMORY: Final = 131_072
 """Bytes free, as ArduPilot's simulation says."""
 _FRESH_S: Final = 1.5
@@ -167,6 +168,13 @@ _CHARGE: Final = np.array(
 def power_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     """POWER_STATUS: the board's supply, always as it should be."""
     out["Vcc"] = _BOARD_MV
+
+
+def mcu_status(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """MCU_STATUS: the processor, always as warm and as well supplied."""
+    out["MCU_temperature"] = _MCU_CDEG
+    for name in ("MCU_voltage", "MCU_voltage_min", "MCU_voltage_max"):
+        out[name] = _MCU_MV
 
 
 def hwstatus(fleet: Fleet, rows: Ints, out: Table) -> None:
