@@ -68,7 +68,6 @@ class Slot:
     x: int = 0
     y: int = 0
     z: float = 0.0
-    autocontinue: int = 1
     causes: Causes = ()
 
 
@@ -134,9 +133,13 @@ class Craft:
     """Sequence number of the navigation item under way, 0 for none."""
     flown: Slot | None = None
     """That item as it was when started, `None` before: an upload may rewrite or remove its slot meanwhile."""
+    ahead: tuple[object, ...] = ()
+    """What it and the navigation items behind it said then: whether a new mission changes them."""
     jumps: dict[int, int] = field(default_factory=dict)
     """How often each DO_JUMP has jumped."""
     stage: int = Stage.NONE
+    circles: int = -1
+    """Whole turns flown of a circle, -1 before its first has been told."""
     return_to: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where the present return leads: home or a rally point."""
     ready: bool = False

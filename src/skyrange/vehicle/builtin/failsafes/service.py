@@ -87,9 +87,6 @@ def serve(fleet: Fleet, actuators: Floats) -> None:
     now = fleet.now
     if now % PERIOD_NS != 0:
         return
-    if now % _PREARM_NS == 0:
-        # home moves at arming and by command only: copying it here keeps the kernel free of objects
-        fleet.watch["home"] = [craft.home for craft in fleet.crafts]
     alarmed = check(
         fleet.estimate,
         fleet.flight,

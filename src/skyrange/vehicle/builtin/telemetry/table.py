@@ -60,7 +60,7 @@ BUILDERS: Final[dict[int, Builder]] = {
 HAS: Final[dict[int, Asks]] = {
     mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: motion.has_position,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: motion.has_place,
-    mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: motion.in_guided,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: motion.has_local_target,
     mav.MAVLINK_MSG_ID_FENCE_STATUS: status.has_fence,
     mav.MAVLINK_MSG_ID_BATTERY_STATUS: status.has_battery_monitor,
     mav.MAVLINK_MSG_ID_AHRS2: sensors.has_fix,
