@@ -299,8 +299,6 @@ class Flag(IntFlag):
     """Far from the attitude asked for, for too long."""
     LEVELLED = 32
     """The height of ALTITUDE is reached."""
-    CIRCLED = 64
-    """The turns asked for are flown."""
 
 
 def zeros(dtype: np.dtype[Any], count: int) -> Records:

@@ -1,4 +1,4 @@
-"""Which DO items may a mission hold for devices that are not fitted? What ArduPilot keeps of each, and whether it tells.
+"""Which DO items are there for devices that are not fitted? What ArduPilot keeps of each, and whether it tells.
 
 ArduCopter takes these items, keeps their parameters in its 15 bytes (AP_Mission.cpp `mavlink_int_to_mission_cmd`, the
 structures of AP_Mission.h), and goes on past them where there is no camera, gimbal, gripper, servo or relay to move: a

@@ -11,7 +11,6 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin import do_items, facing, flown_items, loop
 from skyrange.vehicle.builtin.arming import disarm
-from skyrange.vehicle.builtin.do_items import change_speed
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, MissionState, Slot, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Flag, Heading
 from skyrange.vehicle.builtin.mission_kinds import (
@@ -26,10 +25,7 @@ from skyrange.vehicle.builtin.mission_kinds import (
     WAYPOINT,
 )
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.places import RELATIVE_FRAMES
 from skyrange.vehicle.builtin.sequence import MAX_ITEMS, next_navigation, resolve
-
-__all__ = ["RELATIVE_FRAMES", "change_speed"]
 
 _AGAIN_NS = NS_PER_S
 """An item is not reached again sooner than this: a loop of jumps over places that it is at already does not spin."""
@@ -187,9 +183,7 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
     The first DO item acts before the navigation item starts, the others after, as advance_current_nav_cmd has it.
     """
     do_items.drop(fleet, craft)
-    place: int | None = seq
-    first = 0
-    jumps = 0
+    first = jumps = 0
 
     def jumped(jump: int, made: int, times: int) -> None:
         nonlocal jumps
@@ -199,9 +193,10 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
             fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
 
     for _ in range(MAX_ITEMS):
-        place = resolve(craft, place, True, jumped)
-        if place is None:
+        found = resolve(craft, seq, True, jumped)
+        if found is None:
             break
+        place = found
         slot = craft.mission[place]
         if slot.command in NAVIGATION:
             craft.current = place
@@ -218,7 +213,7 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
             first = place
             if slot.command not in CONDITIONS:
                 do_items.start(fleet, craft, place)
-        place += 1
+        seq = place + 1
     _complete(fleet, craft)
 
 

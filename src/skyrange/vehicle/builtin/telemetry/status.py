@@ -71,11 +71,6 @@ _CAPABILITIES: Final = (
 )
 
 
-def _given(fleet: Fleet, rows: Ints, name: str) -> NDArray[np.float64]:
-    """A parameter that another part of the autopilot may bring; 0 where there is none."""
-    return fleet.stored[rows, INDEX[name]] if name in INDEX else np.zeros(len(rows))
-
-
 def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
     """HEARTBEAT, base mode as GCS_MAVLINK_Copter::base_mode makes it: manual input always, guided with a position."""
     modes = of_crafts(fleet, rows, columns.mode)
@@ -115,7 +110,7 @@ def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     fitting = ~((e["vel_ratio"][rows] > 1.0) & (e["pos_ratio"][rows] > 1.0) & (e["hgt_ratio"][rows] > 1.0))
     place, height = modes > _LAST_MANUAL, modes > _LAST_BY_HAND
     fenced = fence["enabled"][rows] != 0
-    checked = _given(fleet, rows, "ARMING_CHECK") != 0 if "ARMING_CHECK" in INDEX else np.ones(len(rows), dtype=bool)
+    checked = fleet.stored[rows, INDEX["ARMING_CHECK"]] != 0
     ready = (fleet.flight["armed"][rows] == 1) | (fleet.watch["prearm_ok"][rows] != 0)
     present = _ALWAYS | _AHRS | _PLACE | _HEIGHT | _BATTERY | _PREARM | np.where(fix > 0, _GNSS, 0)
     present |= np.where(fenced, _FENCE, 0)
@@ -137,7 +132,7 @@ def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 def has_battery_monitor(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     """Whether a battery monitor is set up (BATT_MONITOR)."""
-    fitted: NDArray[np.bool_] = _given(fleet, rows, "BATT_MONITOR") != 0
+    fitted: NDArray[np.bool_] = fleet.stored[rows, INDEX["BATT_MONITOR"]] != 0
     return fitted
 
 

@@ -102,9 +102,7 @@ def default_ns(fleet: Fleet, craft: Craft, message: int) -> Time:
 
 
 def on_request(fleet: Fleet, schedule: Schedule, craft: Craft, message: Any) -> None:
-    """REQUEST_DATA_STREAM: start or stop one stream, or all (0); the rate is the stream's parameter until the
-    next boot.
-    """
+    """REQUEST_DATA_STREAM: start or stop one stream, or all (0); it sets the stream's parameter until the next boot."""
     if message.start_stop > 1:
         return
     # ArduPilot holds the rate in 16 bits with a sign: beyond them it is negative, and nothing is sent
