@@ -114,7 +114,8 @@ def test_a_polygon_and_an_exclusion_circle() -> None:
 
 def test_far_outside_it_just_lands() -> None:
     r = hovering(FENCE_RADIUS=30)
-    r.engines[0]._fleet.crafts[0].home = (200.0, 0.0, 0.0)  # 170 m outside (AC_FENCE_GIVE_UP_DISTANCE is 100)
+    fleet = r.engines[0]._fleet
+    fleet.take_home(fleet.crafts[0], (200.0, 0.0, 0.0))  # 170 m outside (AC_FENCE_GIVE_UP_DISTANCE is 100)
     r.run(1.1)
     start = r.seconds
     put(r, "FENCE_ENABLE", 1)

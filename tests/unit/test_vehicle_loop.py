@@ -32,20 +32,22 @@ class Rows:
 
     def turn(self, seconds: float) -> int:
         """Run the loop; returns how often it raised a flag."""
-        tables = (self.estimate, self.flight, self.legs, self.gains, self.settings, self.out)
+        which = np.zeros(1, dtype=np.int64)
+        tables = (self.estimate, self.flight, self.legs, which, self.gains, self.settings, self.out)
         return sum(loop.turn(*tables, DT) for _ in range(round(seconds / DT)))
 
 
 def mixed(throttle: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Thrust shares of front right, rear left, front left, rear right: commands put through the thrust curve."""
-    table, out = zeros(GAINS, 1), np.zeros(4)
+    table, out = zeros(GAINS, 1), np.zeros((1, 4))
     settings = np.zeros(1, SETTINGS)
     fill(settings, 0, "v", IRIS, 1, {})
     gains.mixing(table, 0, IRIS)
     gains.tune(table[0], settings[0], DT)
-    attitude.mix(table[0], out, throttle, throttle, roll, pitch, yaw)
+    attitude.mix(table[0], out, 0, throttle, throttle, roll, pitch, yaw)
     expo = IRIS.thrust_expo
-    return (1 - expo) * out + expo * out**2
+    share: np.ndarray = (1 - expo) * out[0] + expo * out[0] ** 2
+    return share
 
 
 def test_mixer_signs_and_thrust() -> None:

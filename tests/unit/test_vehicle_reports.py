@@ -52,7 +52,7 @@ def engine(count: int = COUNT) -> BuiltinFleet:
     fleet.flight["armed"], fleet.flight["landed"], fleet.flight["control"] = 1, 0, Control.POSITION
     fleet.power["remaining_pct"] = 63
     for craft in fleet.crafts:
-        craft.mode = Mode.GUIDED
+        fleet.take_mode(craft, Mode.GUIDED)
     return made
 
 
@@ -167,7 +167,7 @@ def test_outputs_home_and_origin() -> None:
     assert esc.voltage[0] == int(fleet.power["voltage"][2] * 100)
     origin = told(made, A.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
     assert (origin.latitude, origin.longitude, origin.altitude) == (-353633280, 1491652241, 584_000)
-    fleet.crafts[2].home = (100.0, -50.0, 7.0)
+    fleet.take_home(fleet.crafts[2], (100.0, -50.0, 7.0))
     home = told(made, A.MAVLINK_MSG_ID_HOME_POSITION)
     assert (home.x, home.y, home.z, home.altitude) == (-50.0, 100.0, -7.0, 591_000)
 

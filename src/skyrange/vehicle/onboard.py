@@ -52,13 +52,15 @@ class _ForRemoteId:
 
     def rows(self, payloads: Payloads) -> NDArray[np.bool_]:
         """The same of many."""
-        return np.isin(message_ids(payloads), _RID_IDS)
+        found: NDArray[np.bool_] = _IS_RID[np.minimum(message_ids(payloads), len(_IS_RID) - 1)]
+        return found
 
     def __deepcopy__(self, memo: object) -> _ForRemoteId:
         return self
 
 
-_RID_IDS: Final = np.array(sorted(RID_MESSAGES))
+_IS_RID: Final = np.array([number in RID_MESSAGES for number in range(max(RID_MESSAGES) + 2)])
+"""By message id; the last stands for all that are higher."""
 for_remote_id: Final = _ForRemoteId()
 
 

@@ -262,7 +262,7 @@ def advance(
     longest = 0.0
     half = 0.5 * step_s
     for i in range(position.shape[0]):
-        p = parameters[airframe[i]]
+        a = airframe[i]  # and no view of its row: making one in every turn costs more than a rotor
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         qw, qx, qy, qz = attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3]
         wx, wy, wz = rates[i, 0], rates[i, 1], rates[i, 2]
@@ -278,14 +278,14 @@ def advance(
         cubes = 0.0
         for m in range(MOTORS):
             speed = rotor_radps[i, m]
-            force = p[_THRUST] * speed * speed
+            force = parameters[a, _THRUST] * speed * speed
             thrust += force
             turning += speed
             cubes += force * speed
-            torque_x += p[_LEFT + m] * force
-            torque_y -= p[_FORWARD + m] * force
-            torque_z -= p[_SPIN + m] * p[_ARM] * force
-        work_j[i] += p[_ARM] * cubes * step_s
+            torque_x += parameters[a, _LEFT + m] * force
+            torque_y -= parameters[a, _FORWARD + m] * force
+            torque_z -= parameters[a, _SPIN + m] * parameters[a, _ARM] * force
+        work_j[i] += parameters[a, _ARM] * cubes * step_s
 
         # forces in the body, from the air's velocity across it
         r00 = 1.0 - 2.0 * (qy * qy + qz * qz)
@@ -303,32 +303,36 @@ def advance(
         bx = r00 * ux + r10 * uy + r20 * uz
         by = r01 * ux + r11 * uy + r21 * uz
         bz = r02 * ux + r12 * uy + r22 * uz
-        body = p[_BODY_DRAG] * math.sqrt(ux * ux + uy * uy + uz * uz)
-        rotor = p[_ROTOR_DRAG] * turning
-        ax = -(body + rotor) * bx * p[_PER_MASS]
-        ay = -(body + rotor) * by * p[_PER_MASS]
-        az = (thrust - body * bz) * p[_PER_MASS]
+        body = parameters[a, _BODY_DRAG] * math.sqrt(ux * ux + uy * uy + uz * uz)
+        rotor = parameters[a, _ROTOR_DRAG] * turning
+        ax = -(body + rotor) * bx * parameters[a, _PER_MASS]
+        ay = -(body + rotor) * by * parameters[a, _PER_MASS]
+        az = (thrust - body * bz) * parameters[a, _PER_MASS]
         nvx = vx + (r00 * ax + r01 * ay + r02 * az) * step_s
         nvy = vy + (r10 * ax + r11 * ay + r12 * az) * step_s
         nvz = vz + (r20 * ax + r21 * ay + r22 * az - GRAVITY_MPS2) * step_s
 
         # rates: midpoint rule on Euler's equation
-        torque_x -= p[_SPIN_DRAG] * abs(wx) * wx
-        torque_y -= p[_SPIN_DRAG] * abs(wy) * wy
-        torque_z -= p[_SPIN_DRAG] * abs(wz) * wz
-        x_from_yz, y_from_zx, z_from_xy = p[_JZ] - p[_JY], p[_JX] - p[_JZ], p[_JY] - p[_JX]
-        mx = wx + half * (torque_x - x_from_yz * wy * wz) * p[_PER_JX]
-        my = wy + half * (torque_y - y_from_zx * wz * wx) * p[_PER_JY]
-        mz = wz + half * (torque_z - z_from_xy * wx * wy) * p[_PER_JZ]
-        nwx = wx + step_s * (torque_x - x_from_yz * my * mz) * p[_PER_JX]
-        nwy = wy + step_s * (torque_y - y_from_zx * mz * mx) * p[_PER_JY]
-        nwz = wz + step_s * (torque_z - z_from_xy * mx * my) * p[_PER_JZ]
+        torque_x -= parameters[a, _SPIN_DRAG] * abs(wx) * wx
+        torque_y -= parameters[a, _SPIN_DRAG] * abs(wy) * wy
+        torque_z -= parameters[a, _SPIN_DRAG] * abs(wz) * wz
+        x_from_yz, y_from_zx, z_from_xy = (
+            parameters[a, _JZ] - parameters[a, _JY],
+            parameters[a, _JX] - parameters[a, _JZ],
+            parameters[a, _JY] - parameters[a, _JX],
+        )
+        mx = wx + half * (torque_x - x_from_yz * wy * wz) * parameters[a, _PER_JX]
+        my = wy + half * (torque_y - y_from_zx * wz * wx) * parameters[a, _PER_JY]
+        mz = wz + half * (torque_z - z_from_xy * wx * wy) * parameters[a, _PER_JZ]
+        nwx = wx + step_s * (torque_x - x_from_yz * my * mz) * parameters[a, _PER_JX]
+        nwy = wy + step_s * (torque_y - y_from_zx * mz * mx) * parameters[a, _PER_JY]
+        nwz = wz + step_s * (torque_z - z_from_xy * mx * my) * parameters[a, _PER_JZ]
 
         ground = floor[i]
         nz = pz + 0.5 * (vz + nvz) * step_s
         if nvz <= 0.0 and nz <= ground:  # rare in flight, so kept out of the way of the rest: half as fast again
             events += _land(
-                i, step_s, p, ground, nvx, nvy, nvz, nwx, nwy, nwz,
+                i, step_s, parameters[a], ground, nvx, nvy, nvz, nwx, nwy, nwz,
                 position, velocity, attitude, rates, accel, limit, alive, flags, impact_mps,
             )  # fmt: skip
             height[i] = 0.0

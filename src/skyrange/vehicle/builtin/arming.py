@@ -33,8 +33,7 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
     row = craft.row
     flight = fleet.flight
     if not craft.home_locked:
-        craft.home = fleet.position(craft)
-    fleet.watch["home"][row] = craft.home
+        fleet.take_home(craft, fleet.position(craft))
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
     flight["landed"][row] = 1

@@ -322,13 +322,13 @@ def _fit(throttle: float, average: float, low: float, high: float) -> tuple[floa
 
 
 @kernel
-def _mix4(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
+def _mix4(g: Any, out: Any, i: int, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
     """`mix` of four motors, in registers."""
     best = min(0.5, average)
     span = 0.5 * (abs(roll) + abs(pitch) + abs(yaw))
     if span <= min(best, throttle) and throttle + span < 1.0:  # far from every limit: nothing has to give way
         for m in range(4):
-            out[m] = _command(g, throttle + roll * g.roll[m] + pitch * g.pitch[m] + yaw * g.yaw[m])
+            out[i, m] = _command(g, throttle + roll * g.roll[m] + pitch * g.pitch[m] + yaw * g.yaw[m])
         return False
     a = roll * g.roll[0] + pitch * g.pitch[0]
     b = roll * g.roll[1] + pitch * g.pitch[1]
@@ -343,15 +343,15 @@ def _mix4(g: Any, out: Any, throttle: float, average: float, roll: float, pitch:
     c += yaw * g.yaw[2]
     d += yaw * g.yaw[3]
     base, scale, full = _fit(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
-    out[0] = _command(g, base + scale * a)
-    out[1] = _command(g, base + scale * b)
-    out[2] = _command(g, base + scale * c)
-    out[3] = _command(g, base + scale * d)
+    out[i, 0] = _command(g, base + scale * a)
+    out[i, 1] = _command(g, base + scale * b)
+    out[i, 2] = _command(g, base + scale * c)
+    out[i, 3] = _command(g, base + scale * d)
     return full
 
 
 @kernel
-def mix(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
+def mix(g: Any, out: Any, i: int, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
     """Commands of all motors for a thrust 0…1 and three efforts; whether thrust had to give way.
 
     Roll and pitch come first, then some yaw, then thrust, which may be raised to `average` for their sake. Positive
@@ -360,26 +360,26 @@ def mix(g: Any, out: Any, throttle: float, average: float, roll: float, pitch: f
     throttle = clamp(throttle, 0.0, 1.0)
     average = clamp(average, throttle, 1.0)
     if g.motors == 4:
-        full = _mix4(g, out, throttle, average, roll, pitch, yaw)
+        full = _mix4(g, out, i, throttle, average, roll, pitch, yaw)
     else:
         best = min(0.5, average)
         allowed = 1.0
         for m in range(g.motors):
             part = roll * g.roll[m] + pitch * g.pitch[m]
-            out[m] = part
+            out[i, m] = part
             allowed = min(allowed, _yaw_room(part, g.yaw[m], best, yaw))
         allowed = max(allowed, _YAW_HEADROOM)
         yaw = clamp(yaw, -allowed, allowed)
         low = 1.0
         high = -1.0
         for m in range(g.motors):
-            part = out[m] + yaw * g.yaw[m]
-            out[m] = part
+            part = out[i, m] + yaw * g.yaw[m]
+            out[i, m] = part
             low = min(low, part)
             high = max(high, part)
         base, scale, full = _fit(throttle, average, low, high)
         for m in range(g.motors):
-            out[m] = _command(g, base + scale * out[m])
-    for m in range(g.motors, out.shape[0]):
-        out[m] = 0.0
+            out[i, m] = _command(g, base + scale * out[i, m])
+    for m in range(g.motors, out.shape[1]):
+        out[i, m] = 0.0
     return full

@@ -31,12 +31,12 @@ def reboot(fleet: Fleet, schedule: Schedule, craft: Craft, causes: Causes) -> No
     craft.packer.sequence = 0
     fleet.systems[row] = craft.system_id
     fleet.boot_ns[row] = fleet.now
-    craft.mode = Mode.STABILIZE
+    fleet.take_mode(craft, Mode.STABILIZE)
     craft.mode_causes = causes
     craft.uploads = [Upload() for _ in craft.uploads]
     craft.mission_state = MissionState.NOT_STARTED if craft.sees_mission else MissionState.NONE
     craft.params_next = len(PARAMETERS)
-    craft.home = fleet.position(craft)
+    fleet.take_home(craft, fleet.position(craft))
     craft.home_locked = False
     for timer in Timer:
         fleet.timer(craft, timer)

@@ -113,7 +113,7 @@ def relax(f: Any) -> None:
 
 
 @kernel
-def turn_motors(e: Any, f: Any, g: Any, out: Any, coming_down: bool, rates_only: bool) -> None:
+def turn_motors(e: Any, f: Any, g: Any, out: Any, i: int, coming_down: bool, rates_only: bool) -> None:
     """Hold the attitude target, or (`rates_only`) its rates, at `throttle`: writes the motors' commands."""
     if rates_only:
         roll_rate = f.att_rate[0]
@@ -126,4 +126,4 @@ def turn_motors(e: Any, f: Any, g: Any, out: Any, coming_down: bool, rates_only:
     thrust = f.throttle * boost
     share_of_mix = _MIX_MIN if coming_down else _MIX_MAX
     average = max(thrust, f.throttle * (1.0 - share_of_mix) + g.hover * share_of_mix)
-    f.throttle_full = 1 if mix(g, out, thrust, average, roll, pitch, yaw) else 0
+    f.throttle_full = 1 if mix(g, out, i, thrust, average, roll, pitch, yaw) else 0

@@ -25,7 +25,6 @@ from skyrange.vehicle.builtin import (
     commands,
     do_items,
     fence,
-    gains,
     loop,
     mission_protocol,
     navigator,
@@ -47,6 +46,7 @@ from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import PARAMETERS, SETTINGS, fill
 from skyrange.vehicle.builtin.telemetry import streams, timesync
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
+from skyrange.vehicle.builtin.tuning import Tuning
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
@@ -118,9 +118,9 @@ class BuiltinFleet:
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
         self._fleet.stored[:] = stored
-        for row, spec in enumerate(specs):
-            gains.mixing(self._fleet.gains, row, AIRFRAMES[spec.airframe])
-            sticks_in.place(self._fleet, crafts[row])
+        self._tuning = Tuning([spec.airframe for spec in specs], settings)
+        for craft in crafts:
+            sticks_in.place(self._fleet, craft)
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
         self._schedule = Schedule(np.array(phases, dtype=np.int64))
         for craft in crafts:
@@ -138,11 +138,17 @@ class BuiltinFleet:
         fleet.rotors = sensors.rotor_radps
         dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
         self._last = tick
-        if self._estimator.update(tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], fleet.settings):
+        tuning = self._tuning
+        tuning.renew(tick, dt_s)
+        if self._estimator.update(
+            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], tuning.which, tuning.sets
+        ):
             resets.tell(fleet, self._estimator.filters)
         for arrival in inbox:
             self._receive(arrival)
-        if loop.turn(fleet.estimate, fleet.flight, fleet.legs, fleet.gains, fleet.settings, self._actuators, dt_s):
+        if loop.turn(
+            fleet.estimate, fleet.flight, fleet.legs, tuning.which, tuning.gains, tuning.sets, self._actuators, dt_s
+        ):
             self._act_on_flags()
         if tick % SERVICE_NS == 0:
             self._act_on_timers(tick)

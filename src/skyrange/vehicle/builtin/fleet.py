@@ -20,7 +20,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
 from skyrange.vehicle.builtin.fence_zones import ZONES
-from skyrange.vehicle.builtin.layout import GAINS, LEGS, Control, Records, zeros
+from skyrange.vehicle.builtin.layout import LEGS, Control, Records, zeros
 from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
 from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
@@ -182,7 +182,6 @@ class Fleet:
         self.flight = flight
         self.settings = settings
         self.legs = zeros(LEGS, len(crafts))
-        self.gains = zeros(GAINS, len(crafts))
         self.power: Records = np.zeros(len(crafts), dtype=POWER)
         self.boundary: Records = np.zeros(len(crafts), dtype=BOUNDARY)
         self.zones: Records = np.zeros(len(crafts), dtype=ZONES)
@@ -203,6 +202,8 @@ class Fleet:
         """(n,) the next frame's number."""
         self.systems: NDArray[np.int64] = np.array([craft.system_id for craft in crafts], dtype=np.int64)
         """(n,) MAVLink system ids in use."""
+        self.modes: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+        """(n,) each craft's mode, for reports."""
         self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         """(n,) when each was switched on."""
 
@@ -217,6 +218,15 @@ class Fleet:
     def note(self, kind: str, craft: Craft, data: Mapping[str, Scalar] | None = None, causes: Causes = ()) -> None:
         """Record an event about a craft."""
         self.outbox.note(kind, craft.id, data, causes)
+
+    def take_mode(self, craft: Craft, mode: int) -> None:
+        """Say that a craft is in a mode from now on."""
+        craft.mode = self.modes[craft.row] = mode
+
+    def take_home(self, craft: Craft, place: tuple[float, float, float]) -> None:
+        """Say that a craft's home is at a place (ENU metres) from now on."""
+        craft.home = place
+        self.watch["home"][craft.row] = place
 
     def timer(self, craft: Craft, timer: Timer, at: Time = NEVER) -> None:
         """Set a timer to a moment; NEVER clears it."""

@@ -1,7 +1,4 @@
-"""What do the parameters mean to the fast loop? Filter shares, limits, the mixer's table.
-
-A parameter that changes in flight acts within `TUNE_S`.
-"""
+"""What do the parameters mean to the fast loop? Filter shares, limits, the mixer's table."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from skyrange.vehicle.builtin.layout import MOTORS_MAX, Records
 from skyrange.vehicle.builtin.shaping import clamp
 from skyrange.world.airframes import Airframe
 
-TUNE_S = 0.1
 SLOW_S = 0.01
 """How often guidance and position control run, at least a step of the loop."""
 GRAVITY_MPS2 = 9.80665
@@ -38,7 +34,6 @@ def share(hz: float, dt_s: float) -> float:
 @kernel
 def tune(g: Any, p: Any, dt_s: float) -> None:
     """Work one aircraft's gains out from its parameters for steps of `dt_s`."""
-    g.dt_s = dt_s
     g.angle_p[0] = p.ATC_ANG_RLL_P
     g.angle_p[1] = p.ATC_ANG_PIT_P
     g.angle_p[2] = p.ATC_ANG_YAW_P

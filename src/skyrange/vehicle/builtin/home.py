@@ -17,8 +17,7 @@ def announce(fleet: Fleet, craft: Craft, causes: Causes) -> None:
 
 def set_home(fleet: Fleet, craft: Craft, place: tuple[float, float, float], causes: Causes, lock: bool) -> None:
     """Move home to a place (ENU metres) at once, for the fence too; `lock` it there: the next arming leaves it."""
-    craft.home = place
+    fleet.take_home(craft, place)
     craft.home_locked = craft.home_locked or lock
-    fleet.watch["home"][craft.row] = place
     fleet.note("event.home", craft, {"east_m": place[0], "north_m": place[1], "up_m": place[2]}, causes)
     announce(fleet, craft, causes)

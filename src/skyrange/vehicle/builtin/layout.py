@@ -109,7 +109,6 @@ FLIGHT: Final = np.dtype(
         ("flags", "i8"),  # Flags raised by the loop
         ("spool", "f8"),  # 0 ground idle … 1 full range
         ("slow_s", "f8"),  # time since guidance and position control last ran
-        ("tune_s", "f8"),  # time since the gains were last worked out
         ("climb_accel", "f8"),  # m/s², what the vertical loop asks for
         ("accel_err", "f8"),
         ("throttle_i", "f8"),
@@ -191,7 +190,6 @@ FLIGHT: Final = np.dtype(
 
 GAINS: Final = np.dtype(
     [
-        ("dt_s", "f8"),  # the step that the coefficients below hold for
         ("angle_p", "f8", (3,)),
         ("angle_accel", "f8", (3,)),
         ("angle_linear", "f8", (3,)),  # error up to which the angle controller is linear
@@ -311,7 +309,6 @@ def zeros(dtype: np.dtype[Any], count: int) -> Records:
         rows["att"][:, 0] = 1.0
         rows["want_quat"][:, 0] = 1.0
         rows["slow_s"] = 1e9  # work everything out in the first turn
-        rows["tune_s"] = 1e9
     return rows
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.agent.contracts import Floats
+from skyrange.agent.contracts import Floats, Ints
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin import attitude, gains, sticks
+from skyrange.vehicle.builtin import attitude, sticks
 from skyrange.vehicle.builtin.control import climb, horizontal, lift, relax, turn_motors
 from skyrange.vehicle.builtin.gains import SLOW_S
 from skyrange.vehicle.builtin.guidance import guide
@@ -62,7 +62,7 @@ def take_reference(e: Any, f: Any) -> None:
 
 
 @kernel
-def _spool(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> bool:
+def _spool(e: Any, f: Any, p: Any, out: Any, i: int, dt_s: float) -> bool:
     """Bring the motors from ground idle to their range (AP_MotorsMulticopter::output_logic); whether they are there."""
     take_reference(e, f)
     relax(f)
@@ -70,24 +70,24 @@ def _spool(e: Any, f: Any, p: Any, out: Any, dt_s: float) -> bool:
         return True
     f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
     f.throttle = 0.0
-    _idle(f, p, out, p.MOT_SPIN_ARM + (p.MOT_SPIN_MIN - p.MOT_SPIN_ARM) * f.spool)
+    _idle(f, p, out, i, p.MOT_SPIN_ARM + (p.MOT_SPIN_MIN - p.MOT_SPIN_ARM) * f.spool)
     return False
 
 
 @kernel
-def _idle(f: Any, p: Any, out: Any, command: float) -> None:
-    for motor in range(out.shape[0]):
-        out[motor] = command
+def _idle(f: Any, p: Any, out: Any, i: int, command: float) -> None:
+    for motor in range(out.shape[1]):
+        out[i, motor] = command
 
 
 @kernel
-def _stand(e: Any, f: Any, g: Any, out: Any, throttle: float) -> None:
+def _stand(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
     """Stay level at a given throttle on the ground, before lift-off."""
     f.throttle = throttle
     f.att_rate[0] = 0.0
     f.att_rate[1] = 0.0
     f.att_rate[2] = 0.0
-    turn_motors(e, f, g, out, False, False)
+    turn_motors(e, f, g, out, i, False, False)
     for axis in range(3):
         f.rate_i[axis] = 0.0
 
@@ -101,9 +101,9 @@ def _lift_off(f: Any) -> None:
 
 
 @kernel
-def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, dt_s: float) -> None:
+def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
     """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
-    if not _spool(e, f, p, out, dt_s):
+    if not _spool(e, f, p, out, i, dt_s):
         return
     level = math.sqrt(e.quat[0] * e.quat[0] + e.quat[3] * e.quat[3])
     if level > 0.0:  # upright, as it stands
@@ -111,32 +111,32 @@ def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, dt_s: float) -> None:
         f.att[1] = 0.0
         f.att[2] = 0.0
         f.att[3] = e.quat[3] / level
-    _stand(e, f, g, out, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
+    _stand(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
     if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
         f.throttle_i = f.throttle - p.MOT_THST_HOVER
         _lift_off(f)
 
 
 @kernel
-def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, dt_s: float) -> None:
+def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
     """On the ground in a pilot's mode: motors idle until the throttle is raised."""
     if f.control == _STABILIZE:
         if sticks.throttle_zero(f, dt_s):
             f.spool = 0.0
             f.throttle = 0.0
             take_reference(e, f)
-            _idle(f, p, out, p.MOT_SPIN_ARM)
-        elif _spool(e, f, p, out, dt_s):
+            _idle(f, p, out, i, p.MOT_SPIN_ARM)
+        elif _spool(e, f, p, out, i, dt_s):
             _lift_off(f)
     elif sticks.climb_rate(f, p) > 0.0:
         sticks.throttle_zero(f, dt_s)
-        _rise(e, f, p, g, out, dt_s)
+        _rise(e, f, p, g, out, i, dt_s)
     else:
         sticks.throttle_zero(f, dt_s)
         f.spool = 0.0
         f.throttle = 0.0
         take_reference(e, f)
-        _idle(f, p, out, p.MOT_SPIN_ARM)
+        _idle(f, p, out, i, p.MOT_SPIN_ARM)
 
 
 @kernel
@@ -235,34 +235,40 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
 
 @kernel
 def turn(
-    estimate: Records, flight: Records, legs: Records, tuned: Records, settings: Records, actuators: Floats, dt_s: float
+    estimate: Records,
+    flight: Records,
+    legs: Records,
+    which: Ints,
+    tuned: Records,
+    settings: Records,
+    actuators: Floats,
+    dt_s: float,
 ) -> int:
-    """One step for every row: writes (n, motors) commands 0…1; returns how many rows raised a flag newly."""
+    """One step for every row: writes (n, motors) commands 0…1; returns how many rows raised a flag newly.
+
+    `which` (n,) is each row's set of parameters in `tuned` and `settings`, one row per distinct set.
+    """
     flagged = 0
     for i in range(flight.shape[0]):
         f: Any = flight[i]
-        out = actuators[i]
+        out = actuators
         control = f.control
         before = f.flags
         if control == _OFF:
-            for motor in range(out.shape[0]):
-                out[motor] = 0.0
+            for motor in range(out.shape[1]):
+                out[i, motor] = 0.0
             continue
         e: Any = estimate[i]
-        g: Any = tuned[i]
+        g: Any = tuned[which[i]]
         f.slow_s += dt_s
-        f.tune_s += dt_s
-        if f.tune_s >= gains.TUNE_S - _EARLY_S or g.dt_s != dt_s:
-            f.tune_s = 0.0
-            gains.tune(g, settings[i], dt_s)
         if control == _IDLE:
             f.spool = 0.0
-            _idle(f, settings[i], out, settings[i].MOT_SPIN_ARM)
+            _idle(f, settings[which[i]], out, i, settings[which[i]].MOT_SPIN_ARM)
         elif f.landed == 1:
             if control == _TAKEOFF or (control == _ATTITUDE and f.want_climb > 0.0):
-                _rise(e, f, settings[i], g, out, dt_s)
+                _rise(e, f, settings[which[i]], g, out, i, dt_s)
             elif control >= _STABILIZE:
-                _wait_for_pilot(e, f, settings[i], g, out, dt_s)
+                _wait_for_pilot(e, f, settings[which[i]], g, out, i, dt_s)
             else:
                 f.control = _IDLE
         else:
@@ -271,7 +277,7 @@ def turn(
             if slow:
                 slow_s = f.slow_s if f.slow_s < 2.0 * SLOW_S else max(SLOW_S, dt_s)
                 f.slow_s = 0.0
-                _steer(e, f, legs[i], settings[i], g, slow_s)
+                _steer(e, f, legs[i], settings[which[i]], g, slow_s)
             if control != _STABILIZE:
                 f.throttle = lift(e, f, g)
                 if f.rates_only == 0 or control != _ATTITUDE:
@@ -283,6 +289,7 @@ def turn(
                     f,
                     g,
                     out,
+                    i,
                     control == _LAND and e.height < _LAND_HEIGHT_M,
                     control == _ATTITUDE and f.rates_only == 1,
                 )
@@ -292,11 +299,11 @@ def turn(
                 f.rate_i[1] = 0.0
                 f.rate_i[2] = 0.0
                 attitude.start(e, f)
-                _idle(f, settings[i], out, settings[i].MOT_SPIN_ARM)
+                _idle(f, settings[which[i]], out, i, settings[which[i]].MOT_SPIN_ARM)
             else:
-                f.throttle = sticks.throttle(f, settings[i])
+                f.throttle = sticks.throttle(f, settings[which[i]])
                 attitude.advance(f, dt_s)
-                turn_motors(e, f, g, out, False, False)
+                turn_motors(e, f, g, out, i, False, False)
             if slow:
                 _touch(e, f, slow_s)
         if f.flags & ~before:

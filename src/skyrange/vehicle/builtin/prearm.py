@@ -76,7 +76,7 @@ class View(NamedTuple):
 
 def view(fleet: Fleet, rows: NDArray[np.int64]) -> View:
     """Look at some rows."""
-    modes = [fleet.crafts[row].mode for row in rows.tolist()]
+    modes = fleet.modes[rows].tolist()
     kinds = fleet.boundary["enabled"][rows] & fleet.settings["FENCE_TYPE"][rows].astype(np.int64)
     kinds = np.where(fleet.zones["count"][rows] > 0, kinds, kinds & ~int(fence.Kind.POLYGON))
     return View(

@@ -120,7 +120,7 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
         return False
     if craft.mode == Mode.AUTO:
         navigator.stop(fleet, craft)
-    craft.mode = mode
+    fleet.take_mode(craft, mode)
     craft.mode_causes = causes
     craft.mode_reason = reason
     craft.stage = Stage.NONE

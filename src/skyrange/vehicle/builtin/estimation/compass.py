@@ -25,10 +25,9 @@ _YAW_SD_RAD = math.radians(5.0)
 
 
 @kernel
-def turned(e: Any, compass: Any) -> tuple[float, float, float]:
+def turned(e: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
     """A reading, as the believed attitude turns it to east, north and up."""
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
-    a, b, c = compass[0], compass[1], compass[2]
     east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
     north = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
     up = 2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c
@@ -36,20 +35,20 @@ def turned(e: Any, compass: Any) -> tuple[float, float, float]:
 
 
 @kernel
-def read_compass(e: Any, k: Any, p: Any, now: int, compass: Any, field: Any, armed: bool) -> None:
+def read_compass(e: Any, k: Any, p: Any, now: int, compass: Any, i: int, field: Any, armed: bool) -> None:
     """Use a reading that is new, as the barometer's."""
     since = now - k.compass_at
-    same = compass[0] == k.compass[0] and compass[1] == k.compass[1] and compass[2] == k.compass[2]
+    same = compass[i, 0] == k.compass[0] and compass[i, 1] == k.compass[1] and compass[i, 2] == k.compass[2]
     if since < INTERVAL_MIN_NS or (same and since < HEIGHT_NS):
         return
     for axis in range(3):
-        if not abs(compass[axis]) < 10.0:
+        if not abs(compass[i, axis]) < 10.0:
             return
     for axis in range(3):
-        k.compass[axis] = compass[axis]
-        e.compass[axis] = compass[axis]
+        k.compass[axis] = compass[i, axis]
+        e.compass[axis] = compass[i, axis]
     k.compass_at = now
-    east, north, up = turned(e, compass)
+    east, north, up = turned(e, compass[i, 0], compass[i, 1], compass[i, 2])
     level = math.sqrt(field[0] * field[0] + field[1] * field[1])
     if level < _LEAST_GAUSS or east * east + north * north < _LEAST_GAUSS * _LEAST_GAUSS:
         return

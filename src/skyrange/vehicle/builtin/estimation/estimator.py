@@ -67,6 +67,7 @@ def begin(
     field: Floats,
     estimate: Records,
     filters: Records,
+    which: Ints,
     settings: Records,
 ) -> None:
     """Start every row as after a boot long past: standing, aligned, its receiver's checks passed if they pass now.
@@ -77,7 +78,7 @@ def begin(
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
         k: Any = filters[i]
-        p: Any = settings[i]
+        p: Any = settings[which[i]]
         heading = e.yaw
         for axis in range(3):
             k.force[axis] = reading(accel[i, axis], 0.0, ACCEL_MAX_MPS2)
@@ -86,7 +87,7 @@ def begin(
         roll = math.atan2(b, c) if b * b + c * c > 1.0 else 0.0
         cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
         e.quat[0], e.quat[1], e.quat[2], e.quat[3] = cr * cp, sr * cp, cr * sp, -sr * sp
-        east, north, _ = turned(e, compass[i])
+        east, north, _ = turned(e, compass[i, 0], compass[i, 1], compass[i, 2])
         level = field[0] * field[0] + field[1] * field[1]
         if level > 0.0 and east * east + north * north > 1e-4:
             align_yaw(e, k, math.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1]))
@@ -167,6 +168,7 @@ def turn(
     history: Floats,
     estimate: Records,
     filters: Records,
+    which: Ints,
     settings: Records,
 ) -> int:
     """One tick of every row; where `step_s` is not 0 also a filter step of that length, the `slot`-th.
@@ -177,22 +179,19 @@ def turn(
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
         k: Any = filters[i]
-        carry(e, k, gyro[i], accel[i], dt_s)
+        carry(e, k, gyro, accel, i, dt_s)
         if step_s > 0.0:
-            p: Any = settings[i]
+            p: Any = settings[which[i]]
             on = armed[i] != 0
-            past = history[i]
-            here = past[slot & (SLOTS - 1)]
+            here = slot & (SLOTS - 1)
             for axis in range(3):
-                here[axis] = k.pos[axis] - k.moved_pos[axis]
-                here[3 + axis] = k.vel[axis] - k.moved_vel[axis]
+                history[i, here, axis] = k.pos[axis] - k.moved_pos[axis]
+                history[i, here, 3 + axis] = k.vel[axis] - k.moved_vel[axis]
                 k.accel_slow[axis] += _SLOW * (e.accel[axis] - k.accel_slow[axis])
             check_aiding(k, p, now)
             predict(k, p, step_s)
-            read_compass(e, k, p, now, compass[i], field, on)
-            read_fix(
-                e, k, p, now, fix[i], satellites[i], time[i], position[i], velocity[i], accuracy[i], past, slot, room
-            )
+            read_compass(e, k, p, now, compass, i, field, on)
+            read_fix(e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room)
             read_baro(e, k, p, now, baro[i], on)
             _settle(e, k, p, step_s)
             seen = rangefinder[i]
@@ -235,20 +234,20 @@ class Estimator:
         self._stepped: Time | None = None
 
     def update(
-        self, now: Time, dt_s: float, sensors: Sensors, estimate: Records, armed: Ints, settings: Records
+        self, now: Time, dt_s: float, sensors: Sensors, estimate: Records, armed: Ints, which: Ints, settings: Records
     ) -> int:
         """Take one tick's sensors, `dt_s` after the last; `estimate` then says what is believed.
 
         At the first call `estimate` holds where each aircraft is known to stand, and which way it looks. `armed` is
-        (n,), not 0 where motors may turn. Returns how many aircraft's filters have news (`filters["news"]`), which
-        stand until they are cleared.
+        (n,), not 0 where motors may turn; `which` (n,) the row in `settings` of each. Returns how many aircraft's
+        filters have news (`filters["news"]`), which stand until they are cleared.
         """
         s = sensors
         fix = (s.gnss_fix, s.gnss_satellites, s.gnss_time_ns)
         if self._stepped is None:
             begin(
                 now, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m, s.compass_gauss, s.gnss_accuracy,
-                *fix, self._field, estimate, self.filters, settings,
+                *fix, self._field, estimate, self.filters, which, settings,
             )  # fmt: skip
             self._stepped = now - STEP_NS
             dt_s = 0.0
@@ -260,5 +259,5 @@ class Estimator:
         return turn(
             now, dt_s, step_s, self._slot, s.gyro_radps, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m,
             s.rangefinder_m, s.compass_gauss, s.gnss_accuracy, *fix, s.battery_v, s.battery_a, self._field, self._room,
-            armed, self._history, estimate, self.filters, settings,
+            armed, self._history, estimate, self.filters, which, settings,
         )  # fmt: skip

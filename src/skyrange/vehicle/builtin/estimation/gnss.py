@@ -73,7 +73,8 @@ def read_fix(
     position: Any,
     velocity: Any,
     accuracy: Any,
-    past: Any,
+    history: Any,
+    i: int,
     slot: int,
     fix: Any,
 ) -> None:
@@ -87,20 +88,20 @@ def read_fix(
     if kind < _FIX_3D:
         return
     for axis in range(3):
-        if not (math.isfinite(position[axis]) and math.isfinite(velocity[axis])):
+        if not (math.isfinite(position[i, axis]) and math.isfinite(velocity[i, axis])):
             return
     most = POS_LIMIT_M
     for axis in range(3):
         if axis == 2:
             most = HEIGHT_MAX_M
-        fix[axis] = clamp(position[axis], -most, most)
-        fix[3 + axis] = clamp(velocity[axis], -VEL_LIMIT_MPS, VEL_LIMIT_MPS)
+        fix[axis] = clamp(position[i, axis], -most, most)
+        fix[3 + axis] = clamp(velocity[i, axis], -VEL_LIMIT_MPS, VEL_LIMIT_MPS)
         e.gnss_pos[axis] = fix[axis]
         e.gnss_vel[axis] = fix[3 + axis]
         k.gnss_vel[axis] = fix[3 + axis]
-    h_acc = claimed(accuracy[0], _WORST_M)
-    v_acc = claimed(accuracy[1], _WORST_M)
-    s_acc = claimed(accuracy[2], _WORST_MPS)
+    h_acc = claimed(accuracy[i, 0], _WORST_M)
+    v_acc = claimed(accuracy[i, 1], _WORST_M)
+    s_acc = claimed(accuracy[i, 2], _WORST_MPS)
     e.gnss_acc[0], e.gnss_acc[1], e.gnss_acc[2] = h_acc, v_acc, s_acc
     hdop = clamp(h_acc / _RANGE_ERROR_M, 0.5, 99.99)
     e.gnss_hdop = hdop
@@ -120,7 +121,7 @@ def read_fix(
             start_aiding(k, p, now, fix)
             e.resets += 1
         return
-    then = past[(slot - (late + STEP_NS // 2) // STEP_NS) & (SLOTS - 1)]
+    then = history[i, (slot - (late + STEP_NS // 2) // STEP_NS) & (SLOTS - 1)]
     _use_fix(e, k, p, now, satellites, late, fix, then)
 
 

@@ -97,13 +97,5 @@ def msl_mm(fleet: Fleet, up: Floats) -> Floats:
 
 def homes(fleet: Fleet, rows: Ints) -> Floats:
     """(n, 3) home, ENU metres."""
-    return of_crafts(fleet, rows, _home, "f8").reshape(len(rows), 3)
-
-
-def _home(craft: Any) -> Any:
-    return craft.home
-
-
-def mode(craft: Any) -> Any:
-    """HEARTBEAT.custom_mode of one aircraft."""
-    return craft.mode
+    found: Floats = fleet.watch["home"][rows]
+    return found

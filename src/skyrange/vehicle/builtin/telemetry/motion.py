@@ -149,7 +149,7 @@ def terrain_report(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def _guided(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    guided: NDArray[np.bool_] = columns.of_crafts(fleet, rows, columns.mode) == Mode.GUIDED
+    guided: NDArray[np.bool_] = fleet.modes[rows] == Mode.GUIDED
     return guided
 
 

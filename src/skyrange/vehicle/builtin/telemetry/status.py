@@ -73,7 +73,7 @@ _CAPABILITIES: Final = (
 
 def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
     """HEARTBEAT, base mode as GCS_MAVLINK_Copter::base_mode makes it: manual input always, guided with a position."""
-    modes = of_crafts(fleet, rows, columns.mode)
+    modes = fleet.modes[rows]
     base = (
         dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
         | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
@@ -104,7 +104,7 @@ def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
 def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     """SYS_STATUS: what is fitted, in use and well, and the battery."""
     e, power, fence = fleet.estimate, fleet.power, fleet.boundary
-    modes = of_crafts(fleet, rows, columns.mode)
+    modes = fleet.modes[rows]
     fix, has_battery = e["gnss_fix"][rows], has_battery_monitor(fleet, rows)
     received = (fix >= dialect.GPS_FIX_TYPE_3D_FIX) & (e["gnss_age_s"][rows] < _FRESH_S)
     fitting = ~((e["vel_ratio"][rows] > 1.0) & (e["pos_ratio"][rows] > 1.0) & (e["hgt_ratio"][rows] > 1.0))

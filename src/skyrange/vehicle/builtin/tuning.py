@@ -1,0 +1,58 @@
+"""Which parameters does each aircraft fly by, in the fast loop? Equal sets of them kept once for a whole fleet.
+
+Of a thousand aircraft most have the same parameters. Kept per aircraft, they and the gains that follow from them would
+be the larger part of what the processor has to fetch at every tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.time import NS_PER_MS, Time
+from skyrange.vehicle.builtin import gains
+from skyrange.vehicle.builtin.layout import GAINS, Records, zeros
+from skyrange.world.airframes import AIRFRAMES
+
+TUNE_NS = 100 * NS_PER_MS
+"""A parameter that changes in flight acts in the fast loop within this time."""
+
+
+class Tuning:
+    """The distinct sets of parameters among some aircraft. Deep copies go on alike."""
+
+    def __init__(self, airframes: Sequence[str], settings: Records) -> None:
+        """`airframes` names each aircraft's; `settings` (n,) SETTINGS may change later: see `renew`."""
+        self._settings = settings
+        names = sorted(set(airframes))
+        self._names = names
+        self._frames = np.array([names.index(name) for name in airframes], dtype=np.int64)
+        self._seen = b""
+        self._dt_s = 0.0
+        self.which: NDArray[np.int64] = np.zeros(len(airframes), dtype=np.int64)
+        """(n,) each aircraft's row in `sets` and `gains`."""
+        self.sets: Records = settings[:0].copy()
+        """(sets,) SETTINGS."""
+        self.gains: Records = zeros(GAINS, 0)
+        """(sets,) GAINS."""
+
+    def renew(self, now: Time, dt_s: float) -> None:
+        """Take up what has changed; `dt_s` is the step that gains are worked out for."""
+        if dt_s == self._dt_s and now % TUNE_NS != 0:
+            return
+        seen = self._settings.tobytes()
+        if dt_s == self._dt_s and seen == self._seen:
+            return
+        self._seen, self._dt_s = seen, dt_s
+        keys = np.hstack(
+            [self._settings.view(np.uint8).reshape(len(self.which), -1), self._frames.view(np.uint8).reshape(-1, 8)]
+        )
+        _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        self.which = which.reshape(-1).astype(np.int64)
+        self.sets = self._settings[first]
+        self.gains = zeros(GAINS, len(first))
+        for row, frame in enumerate(self._frames[first].tolist()):
+            gains.mixing(self.gains, row, AIRFRAMES[self._names[frame]])
+            gains.tune(self.gains[row], self.sets[row], dt_s)
