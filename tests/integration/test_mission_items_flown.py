@@ -161,20 +161,22 @@ def test_circles_are_counted(r: Range) -> None:
     assert told == ["1/2", "2/2", "3/2"]  # the last before verify_circle looks whether there is one more
 
 
-def test_overridden_channels_are_told_and_no_others(r: Range) -> None:
+def test_channels_are_told_at_rest_and_overridden(r: Range) -> None:
     def heard() -> list[int]:
         assert r.command(V, A.MAV_CMD_REQUEST_MESSAGE, A.MAVLINK_MSG_ID_RC_CHANNELS) == 0
         message = r.heard("RC_CHANNELS")[-1]
         return [message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan8_raw, message.chancount]
 
-    assert heard() == [0, 0, 0, 0, 0]
+    assert heard() == [1500, 1500, 1000, 1000, 8]
     ignored = [65535] * 8
     ignored[2], ignored[7] = 1300, 1800
     r.send(V, A.MAVLink_rc_channels_override_message(1, 1, *ignored))
     r.run(0.02)
-    assert heard() == [0, 0, 1300, 1800, 0]
+    assert heard() == [1500, 1500, 1300, 1800, 8]
     r.run(3.1)  # RC_OVERRIDE_TIME
-    assert heard() == [0, 0, 0, 0, 0]
+    assert heard() == [1500, 1500, 1000, 1000, 8]
+    assert r.command(V, A.MAV_CMD_REQUEST_MESSAGE, A.MAVLINK_MSG_ID_SYS_STATUS) == 0
+    assert r.heard("SYS_STATUS")[-1].onboard_control_sensors_health & A.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
 
 def test_whole_numbers_of_fittings_stay_in_their_bytes() -> None:

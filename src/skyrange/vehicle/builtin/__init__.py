@@ -4,9 +4,9 @@ Where it knowingly differs from ArduCopter 4.6:
 
 - Its estimator is a smaller EKF3 (`estimation`): one lane, three covariances, no drag fusion, no wind or terrain
   states.
-- Modes are STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND and BRAKE; others do not exist. Sticks come by
-  MAVLink only: no radio receiver is fitted, and at rest they are those of ArduPilot's SITL.
-- Failsafes are looked at every 100 ms; there is no SmartRTL, no thrust boost, no vibration, terrain, radio or CPU
+- Modes are STABILIZE, ALT_HOLD, AUTO, GUIDED, LOITER, RTL, LAND and BRAKE; others do not exist. There is a radio
+  receiver whose sticks only MAVLink moves, and no failsafe of the radio.
+- Failsafes are looked at every 100 ms; there is no SmartRTL, no thrust boost, no vibration, terrain or CPU
   failsafe; DO_LAND_START actions return, and DO_LAND_START is no command.
 - Terrain is flat, at the height of the origin.
 - Mission items that are flown otherwise are refused: guided within a mission, payload, attitude for a time,

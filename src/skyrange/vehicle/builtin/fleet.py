@@ -29,7 +29,7 @@ Causes = tuple[FrameId, ...]
 COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 CHANNELS = 8
-"""Radio channels that can be overridden."""
+"""Radio channels of the receiver."""
 TEXT_MAX = 50
 """Characters of one STATUSTEXT."""
 
@@ -195,7 +195,7 @@ class Fleet:
         self.rotors: NDArray[np.float64] = np.zeros((count, 4))
         """(n, motors) rad/s, as the speed controllers measured them last."""
         self.channels: NDArray[np.int64] = np.zeros((count, CHANNELS), dtype=np.int64)
-        """(n, channels) µs of the radio channels that MAVLink overrides, 0 for the others."""
+        """(n, channels) µs, as the receiver or an override says."""
         self.stored: NDArray[np.float64] = np.zeros((count, len(PARAMETERS)))
         """(n, parameters) what was written to each parameter; `param` and `settings` hold it inside its range."""
         self.sequences: NDArray[np.int64] = crafts[0].packer.sequences

@@ -67,9 +67,6 @@ def _apply(fleet: Fleet, craft: Craft, causes: Causes) -> None:
             else:
                 end = min(end, until)
     fleet.timer(craft, Timer.STICKS, end)
-    fleet.channels[craft.row] = 0
-    for channel, (us, _) in craft.overrides.items():
-        fleet.channels[craft.row, channel] = us
     sticks_in.place(fleet, craft)
     if sticks_in.throttle(fleet, craft) > 0.0 and fleet.armed(craft):
         if causes:

@@ -141,9 +141,10 @@ def esc_telemetry(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def rc_channels(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RC_CHANNELS: no receiver is fitted, so nothing but what MAVLink overrides; the signal strength is unknown."""
+    """RC_CHANNELS: where the sticks are (`sticks_in`); the signal strength is unknown."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     sticks = fleet.channels[rows]
+    out["chancount"] = sticks.shape[1]
     for channel in range(sticks.shape[1]):
         out[_CHANNELS[channel]] = sticks[:, channel]
     out["rssi"] = 255
