@@ -194,6 +194,7 @@ class Bodies:
             whole,
             height,
             height,
+            np.zeros((n, 4)),
         )
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:

@@ -122,6 +122,7 @@ def test_frames_and_units() -> None:
     assert (gps.lat, gps.lon) == pytest.approx((lat * 1e7, lon * 1e7), abs=1)
     assert gps.alt_ellipsoid - gps.alt == pytest.approx(19_000, abs=1)
     assert (gps.eph, gps.satellites_visible) == (int(e["gnss_hdop"] * 100), 9)
+    assert (gps.h_acc, gps.v_acc, gps.vel_acc) == tuple(int(part * 1000) for part in e["gnss_acc"])
     nav = told(made, A.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT)
     away = f["target_pos"] - e["pos"]
     assert nav.wp_dist == int(math.hypot(away[0], away[1]))
@@ -130,8 +131,20 @@ def test_frames_and_units() -> None:
     assert target.alt == pytest.approx(584.0 + f["target_pos"][2], abs=1e-3)
     assert target.type_mask == 0xFDF8  # only the position is said
     local = told(made, A.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
-    assert (local.x, local.y, local.z) == pytest.approx((f["target_pos"][1], f["target_pos"][0], -f["target_pos"][2]))
-    assert (local.vx, local.type_mask) == (pytest.approx(f["target_vel"][1]), 0xC00)
+    place, moving, push = (f[name] for name in ("target_pos", "target_vel", "target_acc"))
+    assert (local.x, local.y, local.z) == pytest.approx((place[1], place[0], -place[2]))
+    assert (local.vx, local.afx, local.type_mask) == (0.0, 0.0, 0xDF8)
+    for control, mask, said in (
+        (Control.TRACK, 0xC00, (place[1], moving[1], push[1])),
+        (Control.VELOCITY, 0xC07, (0.0, moving[1], push[1])),
+        (Control.ACCEL, 0xC3F, (0.0, 0.0, push[1])),
+    ):
+        fleet.flight["control"] = control
+        local = told(made, A.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
+        assert local.type_mask == mask, control
+        assert (local.x, local.vx, local.afx) == pytest.approx(said), control
+    fleet.flight["control"] = Control.ATTITUDE  # no local target (send_position_target_local_ned)
+    assert message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED) is None
     ekf = told(made, A.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
     assert ekf.flags == 831
     assert (ekf.velocity_variance, ekf.compass_variance) == pytest.approx((e["vel_ratio"], e["mag_ratio"]))
@@ -145,6 +158,13 @@ def test_outputs_home_and_origin() -> None:
     assert [servo.servo1_raw, servo.servo2_raw, servo.servo3_raw, servo.servo4_raw, servo.servo5_raw] == [
         1000, 1250, 1500, 2000, 0,
     ]  # fmt: skip
+    fleet.rotors = np.tile((0.0, 100.0, 100.0, 200.0), (COUNT, 1))
+    esc = message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4)
+    assert esc is not None
+    assert list(esc.rpm) == [0, 954, 954, 1909]  # 60 / 2π
+    amperes = float(fleet.power["current"][2])
+    assert list(esc.current) == [int(amperes * 100 * share) for share in (0.0, 0.1, 0.1, 0.8)]  # as the cube: 1, 1, 8
+    assert esc.voltage[0] == int(fleet.power["voltage"][2] * 100)
     origin = told(made, A.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
     assert (origin.latitude, origin.longitude, origin.altitude) == (-353633280, 1491652241, 584_000)
     fleet.take_home(fleet.crafts[2], (100.0, -50.0, 7.0))
@@ -198,14 +218,18 @@ def test_the_operators_streams() -> None:
     before, frames = len(r.said), len(r.frames[V])
     r.run(10.0)
     seen = Counter(said.message.get_type() for said in r.said[before:])
-    for kind, rate in {"ATTITUDE": 10, "AHRS2": 10, "VFR_HUD": 10, "GLOBAL_POSITION_INT": 3, "SYS_STATUS": 2,
-                       "RAW_IMU": 2, "RC_CHANNELS": 2, "EKF_STATUS_REPORT": 3, "HOME_POSITION": 1, "HEARTBEAT": 1,
-                       "EXTENDED_SYS_STATE": 1, "MEMINFO": 2, "POSITION_TARGET_GLOBAL_INT": 2}.items():  # fmt: skip
+    rates = {
+        1: ("HEARTBEAT", "HOME_POSITION", "EXTENDED_SYS_STATE"),
+        2: ("SYS_STATUS", "RAW_IMU", "SCALED_IMU3", "MCU_STATUS", "MEMINFO", "RC_CHANNELS"),
+        3: ("GLOBAL_POSITION_INT", "EKF_STATUS_REPORT"),
+        10: ("ATTITUDE", "AHRS2", "VFR_HUD", "ESC_TELEMETRY_1_TO_4"),
+    }
+    for rate, kind in ((rate, kind) for rate, kinds in rates.items() for kind in kinds):
         assert seen[kind] == pytest.approx(rate * 10, abs=1), kind
     per_second = sum(seen.values()) / 10
     size = sum(len(payload) for payload in r.frames[V][frames:]) / 10
-    assert 80 <= per_second <= 100
-    assert 2_400 <= size <= 4_000  # more in flight and with noise, which leaves fewer zeros to cut
+    assert 101 <= per_second <= 107
+    assert 2_900 <= size <= 4_200  # more in flight and with noise, which leaves fewer zeros to cut
 
 
 def test_an_aircrafts_frames_keep_order_and_numbers() -> None:

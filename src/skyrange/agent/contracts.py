@@ -98,6 +98,8 @@ class Sensors:
     """(n,) voltage at the terminals."""
     battery_a: Floats
     """(n,) current drawn."""
+    rotor_radps: Floats
+    """(n, motors) how fast each rotor turns, as its speed controller measures it."""
 
 
 class SensorAct(NamedTuple):

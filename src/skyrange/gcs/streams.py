@@ -45,7 +45,7 @@ OPERATOR: Final = Profile(
     ),
 )
 """What a QGroundControl session asks of ArduPilot (`APMFirmwarePlugin::initializeStreamRates`, defaults of
-APMMavlinkStreamRate.SettingsGroup.json): about 90 frames and 3 kB a second of the builtin autopilot in flight."""
+APMMavlinkStreamRate.SettingsGroup.json): about 105 frames a second of the builtin autopilot in flight."""
 
 PROFILES: Mapping[str, Profile] = MappingProxyType({"light": Profile(tuple(LIGHT.items())), "operator": OPERATOR})
 """By name."""

@@ -50,11 +50,12 @@ class Sensing:
         vehicles: Sequence[str],
         state: tuple[Floats, ...],
         commands: Floats,
-        power: tuple[Floats, Floats],
+        power: tuple[Floats, Floats, Floats],
     ) -> None:
         """`state`: the world's own arrays of rates, specific force, attitude, position, velocity, height over ground.
 
-        `commands` (n, motors) and `power`, (n,) volts and (n,) amperes, are read too. None is written.
+        `commands` (n, motors) and `power`, (n,) volts, (n,) amperes and (n, motors) rotor speeds in rad/s, are read
+        too. None is written.
         """
         n = len(vehicles)
         self._spec = spec
@@ -80,7 +81,7 @@ class Sensing:
             self._accuracy[:] = 0.01
         self.bind(state, commands, power)
 
-    def bind(self, state: tuple[Floats, ...], commands: Floats, power: tuple[Floats, Floats]) -> None:
+    def bind(self, state: tuple[Floats, ...], commands: Floats, power: tuple[Floats, Floats, Floats]) -> None:
         """Look at these arrays of the world from now on (a copied world has its own)."""
         self._state = state
         self._commands = commands

@@ -130,9 +130,9 @@ class World:
         """The arrays that sensors look at."""
         return self._rates, self._accel, self._attitude, self._position, self._velocity, self._height
 
-    def _power(self) -> tuple[Floats, Floats]:
-        """Volts and amperes at the batteries' terminals."""
-        return self._battery_v, self._battery_a
+    def _power(self) -> tuple[Floats, Floats, Floats]:
+        """Volts and amperes at the batteries' terminals, and what the rotors make of them."""
+        return self._battery_v, self._battery_a, self._rotor_radps
 
     def _bind(self) -> None:
         """Make what points into the arrays: the kernel's arguments and the read-only views."""

@@ -12,10 +12,21 @@ from typing import Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS, NS_PER_S, from_seconds
-from skyrange.vehicle.builtin import facing, home, places
+from skyrange.vehicle.builtin import facing, fence, home, places
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot, Timer
 from skyrange.vehicle.builtin.layout import Control
-from skyrange.vehicle.builtin.mission_kinds import NEAR, ROI, ROI_LOCATION, ROI_NONE, SET_HOME, SPEED, WAIT, YAW
+from skyrange.vehicle.builtin.mission_fittings import FENCE_ENABLE, FITTINGS, TOLD
+from skyrange.vehicle.builtin.mission_kinds import (
+    NAMES,
+    NEAR,
+    ROI,
+    ROI_LOCATION,
+    ROI_NONE,
+    SET_HOME,
+    SPEED,
+    WAIT,
+    YAW,
+)
 from skyrange.vehicle.builtin.sequence import next_do
 
 _LOOK_NS = 20 * NS_PER_MS
@@ -28,12 +39,15 @@ def start(fleet: Fleet, craft: Craft, seq: int) -> None:
     """Do one item."""
     slot = craft.mission[seq]
     command = slot.command
+    announce(fleet, craft, seq)
     if command == SPEED and slot.param2 > 0.0:
         change_speed(fleet, craft, int(slot.param1), slot.param2)
     elif command == SET_HOME:
         _set_home(fleet, craft, slot)
     elif command in (ROI, ROI_LOCATION, ROI_NONE):
         look_at(fleet, craft, slot.frame, slot.x, slot.y, slot.z)
+    elif command == FENCE_ENABLE:
+        fence.command(fleet, craft, int(slot.param1), 0)
     elif command == WAIT:
         craft.condition = (command, float(fleet.now + from_seconds(min(max(slot.param1, 0.0), _WAIT_MAX_S))))
     elif command == NEAR:
@@ -43,9 +57,16 @@ def start(fleet: Fleet, craft: Craft, seq: int) -> None:
         craft.condition = (command, 0.0)
 
 
+def announce(fleet: Fleet, craft: Craft, seq: int) -> None:
+    """Say that an item of the mission starts (AP_Mission::start_command)."""
+    fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Mission: {seq} {NAMES[craft.mission[seq].command]}")
+
+
 def done(fleet: Fleet, craft: Craft, seq: int) -> None:
-    """Report one item."""
-    fleet.send(craft, dialect.MAVLink_mission_item_reached_message(seq))
+    """Report one item, unless it is for a device that is not fitted."""
+    command = craft.mission[seq].command
+    if command not in FITTINGS or command in TOLD:
+        fleet.send(craft, dialect.MAVLink_mission_item_reached_message(seq))
 
 
 def drop(fleet: Fleet, craft: Craft) -> None:
@@ -56,9 +77,14 @@ def drop(fleet: Fleet, craft: Craft) -> None:
 
 
 def run(fleet: Fleet, craft: Craft, seq: int) -> None:
-    """Do the items from `seq` on, up to a navigation item or a condition that does not hold yet."""
+    """Do the items from `seq` on, up to a navigation item or a condition that does not hold yet.
+
+    A jump back to one of them ends it: ArduCopter would do them over and over until the next navigation item.
+    """
     place = next_do(craft, seq)
-    while place is not None:
+    seen: set[int] = set()
+    while place is not None and place not in seen:
+        seen.add(place)
         start(fleet, craft, place)
         if craft.condition[0] and not _holds(fleet, craft):
             craft.do_next = place
@@ -123,7 +149,7 @@ def look_at(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, al
 def _set_home(fleet: Fleet, craft: Craft, slot: Slot) -> None:
     here = slot.param1 == 1.0 or (slot.x == 0 and slot.y == 0 and slot.z == 0.0)
     place = None if here else places.enu(fleet, craft, slot.frame, slot.x, slot.y, slot.z)
-    home.set_home(fleet, craft, fleet.position(craft) if place is None else place, slot.causes)
+    home.set_home(fleet, craft, fleet.position(craft) if place is None else place, slot.causes, lock=False)
 
 
 def clock_wait_s(fleet: Fleet, hour: float, minute: float, second: float) -> float:

@@ -137,6 +137,7 @@ class BuiltinFleet:
         fleet = self._fleet
         fleet.now = tick
         fleet.outbox = Outbox()
+        fleet.rotors = sensors.rotor_radps
         dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
         self._last = tick
         tuning = self._tuning

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin.fence_zones import outside
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
 
@@ -163,22 +162,6 @@ def safe_alt_m(fleet: Fleet, craft: Craft) -> float:
     if in_force(fleet, craft) & Kind.ALT_MAX:
         return fleet.param(craft, "FENCE_ALT_MAX") - fleet.param(craft, "FENCE_MARGIN")
     return math.inf
-
-
-def status_message(fleet: Fleet, craft: Craft) -> Any:
-    """FENCE_STATUS, the breach with the highest number in MAVLink's order of them (`send_fence_status`)."""
-    boundary = fleet.boundary[craft.row]
-    breached = int(boundary["breached"])
-    kind = dialect.FENCE_BREACH_NONE
-    if breached & Kind.ALT_MIN:
-        kind = dialect.FENCE_BREACH_MINALT
-    if breached & Kind.ALT_MAX:
-        kind = dialect.FENCE_BREACH_MAXALT
-    if breached & (Kind.CIRCLE | Kind.POLYGON):
-        kind = dialect.FENCE_BREACH_BOUNDARY
-    at_ms = int(boundary["breach_ns"]) // NS_PER_MS & 0xFFFFFFFF
-    count = min(int(boundary["count"]), 65_535)
-    return dialect.MAVLink_fence_status_message(int(breached != 0), count, kind, at_ms, dialect.FENCE_MITIGATE_NONE)
 
 
 def troubles(fleet: Fleet, rows: NDArray[np.int64], located: NDArray[np.bool_]) -> list[tuple[NDArray[np.bool_], Any]]:

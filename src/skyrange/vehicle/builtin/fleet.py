@@ -28,6 +28,8 @@ from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
 Causes = tuple[FrameId, ...]
 COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
+CHANNELS = 8
+"""Radio channels of the receiver."""
 TEXT_MAX = 50
 """Characters of one STATUSTEXT."""
 
@@ -66,7 +68,6 @@ class Slot:
     x: int = 0
     y: int = 0
     z: float = 0.0
-    autocontinue: int = 1
     causes: Causes = ()
 
 
@@ -132,9 +133,13 @@ class Craft:
     """Sequence number of the navigation item under way, 0 for none."""
     flown: Slot | None = None
     """That item as it was when started, `None` before: an upload may rewrite or remove its slot meanwhile."""
+    ahead: tuple[object, ...] = ()
+    """What it and the navigation items behind it said then: whether a new mission changes them."""
     jumps: dict[int, int] = field(default_factory=dict)
     """How often each DO_JUMP has jumped."""
     stage: int = Stage.NONE
+    circles: int = -1
+    """Whole turns flown of a circle, -1 before its first has been told."""
     return_to: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where the present return leads: home or a rally point."""
     ready: bool = False
@@ -187,6 +192,10 @@ class Fleet:
         count = len(crafts)
         self.actuators: NDArray[np.float64] = np.zeros((count, 4))
         """(n, motors) the last commands, 0…1."""
+        self.rotors: NDArray[np.float64] = np.zeros((count, 4))
+        """(n, motors) rad/s, as the speed controllers measured them last."""
+        self.channels: NDArray[np.int64] = np.zeros((count, CHANNELS), dtype=np.int64)
+        """(n, channels) µs, as the receiver or an override says."""
         self.stored: NDArray[np.float64] = np.zeros((count, len(PARAMETERS)))
         """(n, parameters) what was written to each parameter; `param` and `settings` hold it inside its range."""
         self.sequences: NDArray[np.int64] = crafts[0].packer.sequences

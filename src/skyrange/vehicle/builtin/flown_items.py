@@ -181,6 +181,7 @@ def _go_round(fleet: Fleet, craft: Craft) -> None:
     else:
         flight["circle_angle"][row] = fleet.estimate["yaw"][row]
     flight["circle_speed"][row] = flight["circle_total"][row] = 0.0
+    craft.circles = -1
     if facing.kind(fleet, craft) != Heading.ROI:
         along = int(fleet.param(craft, "CIRCLE_OPTIONS")) & 2
         facing.set_kind(fleet, craft, Heading.NEXT if along else Heading.CIRCLE)
@@ -234,7 +235,12 @@ def waited(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
         returning.waited(fleet, craft)
         return False
     if slot.command == TURNS:
-        if abs(float(flight["circle_total"][row])) / (2.0 * math.pi) >= slot.param1:
+        flown = abs(float(flight["circle_total"][row])) / (2.0 * math.pi)
+        if int(flown) != craft.circles:
+            craft.circles = int(flown)
+            words = f"Mission: starting circle {craft.circles + 1}/{int(slot.param1)}"
+            fleet.text(craft, dialect.MAV_SEVERITY_INFO, words)
+        if flown >= slot.param1:
             return True
         fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
         return False

@@ -15,9 +15,9 @@ def announce(fleet: Fleet, craft: Craft, causes: Causes) -> None:
             fleet.send(craft, told, causes)
 
 
-def set_home(fleet: Fleet, craft: Craft, place: tuple[float, float, float], causes: Causes) -> None:
-    """Move home to a place (ENU metres) and lock it there: arming leaves it."""
+def set_home(fleet: Fleet, craft: Craft, place: tuple[float, float, float], causes: Causes, lock: bool) -> None:
+    """Move home to a place (ENU metres) at once, for the fence too; `lock` it there: the next arming leaves it."""
     fleet.take_home(craft, place)
-    craft.home_locked = True
+    craft.home_locked = craft.home_locked or lock
     fleet.note("event.home", craft, {"east_m": place[0], "north_m": place[1], "up_m": place[2]}, causes)
     announce(fleet, craft, causes)

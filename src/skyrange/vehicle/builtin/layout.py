@@ -44,6 +44,7 @@ ESTIMATE: Final = np.dtype(
         ("gnss_hdop", "f8"),
         ("gnss_pos", "f8", (3,)),
         ("gnss_vel", "f8", (3,)),
+        ("gnss_acc", "f8", (3,)),  # what the receiver claims: level m, up m, speed m/s
         ("gnss_age_s", "f8"),  # since the last fix came
         ("baro_up", "f8"),
         ("compass", "f8", (3,)),  # gauss, body
@@ -296,8 +297,6 @@ class Flag(IntFlag):
     """Far from the attitude asked for, for too long."""
     LEVELLED = 32
     """The height of ALTITUDE is reached."""
-    CIRCLED = 64
-    """The turns asked for are flown."""
 
 
 def zeros(dtype: np.dtype[Any], count: int) -> Records:

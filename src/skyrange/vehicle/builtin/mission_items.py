@@ -13,6 +13,7 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot
+from skyrange.vehicle.builtin.mission_fittings import FITTINGS, kept
 from skyrange.vehicle.builtin.mission_kinds import (
     DELAY,
     JUMP,
@@ -40,7 +41,14 @@ from skyrange.vehicle.builtin.places import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TE
 ACCEPTED = dialect.MAV_MISSION_ACCEPTED
 _U8, _U16 = 255, 65535
 _ALT_MAX_M = 83_000.0  # LOCATION_ALT_MAX_M
-_FRAMES = ABSOLUTE_FRAMES | RELATIVE_FRAMES | TERRAIN_FRAMES | {dialect.MAV_FRAME_MISSION}
+_DATUMS = {
+    **dict.fromkeys((*ABSOLUTE_FRAMES, dialect.MAV_FRAME_MISSION), dialect.MAV_FRAME_GLOBAL),
+    **dict.fromkeys(RELATIVE_FRAMES, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT),
+    **dict.fromkeys(TERRAIN_FRAMES, dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT),
+}
+"""The frame in which a place is kept and read back (`mission_cmd_to_mavlink_int`): only its datum is stored."""
+_NO_FRAME = dialect.MAV_FRAME_GLOBAL
+"""Of an item without a place."""
 _YAW_MAY_BE_NAN = frozenset((WAYPOINT, UNLIM, LAND, TAKEOFF))
 """NaN leaves the yaw to the autopilot (sanity_check_params)."""
 _BAD_PARAM = (
@@ -75,14 +83,16 @@ def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
             return dialect.MAV_MISSION_INVALID_PARAM6_Y, None
         if not abs(z) < _ALT_MAX_M:
             return dialect.MAV_MISSION_INVALID_PARAM7, None
-        if message.frame not in _FRAMES:
+        if message.frame not in _DATUMS:
             return dialect.MAV_MISSION_UNSUPPORTED_FRAME, None
         if not whole:
             x, y = round(x * 1e7), round(y * 1e7)
         z = int(np.float32(z) * np.float32(100.0)) / 100.0  # whole centimetres
-    else:
-        x, y, z = 0, 0, 0.0
-    return ACCEPTED, Slot(command, message.frame, *stored(command, params), x, y, z, message.autocontinue, causes)
+        return ACCEPTED, Slot(command, _DATUMS[message.frame], *stored(command, params), x, y, z, causes=causes)
+    if command in FITTINGS:
+        a, b, c, d, e, f, g = kept(command, (*params, x, y, z))
+        return ACCEPTED, Slot(command, _NO_FRAME, a, b, c, d, int(e), int(f), g, causes=causes)
+    return ACCEPTED, Slot(command, _NO_FRAME, *stored(command, params), causes=causes)
 
 
 def _whole(value: float, low: int, high: int) -> float:
@@ -135,8 +145,9 @@ def item_message(fleet: Fleet, craft: Craft, seq: int, partner: tuple[int, int],
     else:
         slot = craft.mission[seq]
     current = int(seq == craft.current and seq > 0)
-    head = (*partner, seq, slot.frame, slot.command, current, slot.autocontinue)
+    head = (*partner, seq, slot.frame, slot.command, current, 1)
     params = (slot.param1, slot.param2, slot.param3, slot.param4)
     if whole:
         return dialect.MAVLink_mission_item_int_message(*head, *params, slot.x, slot.y, slot.z, 0)
-    return dialect.MAVLink_mission_item_message(*head, *params, slot.x * 1e-7, slot.y * 1e-7, slot.z, 0)
+    scale = 1.0 if slot.command in FITTINGS else 1e-7
+    return dialect.MAVLink_mission_item_message(*head, *params, slot.x * scale, slot.y * scale, slot.z, 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.mission_fittings import FITTINGS
 
 WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
 SPLINE: Final = dialect.MAV_CMD_NAV_SPLINE_WAYPOINT
@@ -36,4 +37,48 @@ LOCATED: Final = frozenset(
     (WAYPOINT, SPLINE, UNLIM, TURNS, TIME, TO_ALT, LAND, TAKEOFF, SET_HOME, LAND_START, ROI, ROI_LOCATION, ROI_NONE)
 )
 """Items that are stored with a place (AP_Mission::stored_in_location)."""
-SUPPORTED: Final = LOCATED | CONDITIONS | {DELAY, RTL, JUMP, SPEED}
+SUPPORTED: Final = LOCATED | CONDITIONS | {DELAY, RTL, JUMP, SPEED} | FITTINGS.keys()
+
+NAMES: Final = {
+    WAYPOINT: "WP",
+    SPLINE: "SplineWP",
+    RTL: "RTL",
+    UNLIM: "LoitUnlim",
+    TIME: "LoitTime",
+    TURNS: "LoitTurns",
+    TO_ALT: "LoitAltitude",
+    TAKEOFF: "Takeoff",
+    LAND: "Land",
+    DELAY: "Delay",
+    WAIT: "CondDelay",
+    NEAR: "CondDist",
+    YAW: "CondYaw",
+    SPEED: "ChangeSpeed",
+    SET_HOME: "SetHome",
+    ROI: "SetROI",
+    ROI_LOCATION: "SetROILocation",
+    ROI_NONE: "SetROINone",
+    LAND_START: "LandStart",
+    dialect.MAV_CMD_DO_SET_RELAY: "SetRelay",
+    dialect.MAV_CMD_DO_REPEAT_RELAY: "RepeatRelay",
+    dialect.MAV_CMD_DO_SET_SERVO: "SetServo",
+    dialect.MAV_CMD_DO_REPEAT_SERVO: "RepeatServo",
+    dialect.MAV_CMD_DO_DIGICAM_CONFIGURE: "DigiCamCfg",
+    dialect.MAV_CMD_DO_DIGICAM_CONTROL: "DigiCamCtrl",
+    dialect.MAV_CMD_DO_MOUNT_CONTROL: "MountControl",
+    dialect.MAV_CMD_DO_SET_CAM_TRIGG_DIST: "SetCamTrigDst",
+    dialect.MAV_CMD_DO_FENCE_ENABLE: "FenceEnable",
+    dialect.MAV_CMD_DO_PARACHUTE: "Parachute",
+    dialect.MAV_CMD_DO_GRIPPER: "Gripper",
+    dialect.MAV_CMD_DO_SPRAYER: "Sprayer",
+    dialect.MAV_CMD_DO_AUX_FUNCTION: "AuxFunction",
+    dialect.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: "GimbalPitchYaw",
+    dialect.MAV_CMD_IMAGE_START_CAPTURE: "ImageStartCapture",
+    dialect.MAV_CMD_IMAGE_STOP_CAPTURE: "ImageStopCapture",
+    dialect.MAV_CMD_SET_CAMERA_ZOOM: "SetCameraZoom",
+    dialect.MAV_CMD_SET_CAMERA_FOCUS: "SetCameraFocus",
+    dialect.MAV_CMD_VIDEO_START_CAPTURE: "VideoStartCapture",
+    dialect.MAV_CMD_VIDEO_STOP_CAPTURE: "VideoStopCapture",
+    dialect.MAV_CMD_DO_WINCH: "Winch",
+}
+"""What ArduPilot calls them when they start (AP_Mission.cpp `Mission_Command::type`)."""

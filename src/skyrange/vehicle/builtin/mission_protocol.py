@@ -17,8 +17,8 @@ from skyrange.vehicle.builtin.fence_items import FENCE
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
 from skyrange.vehicle.builtin.mission_kinds import JUMP
-from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.rally import RALLY
+from skyrange.vehicle.builtin.telemetry import table
 from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner
 
 MAX_ITEMS = 650
@@ -252,18 +252,10 @@ def on_clear_all(fleet: Fleet, craft: Craft, message: Any, partner: Partner, cau
 def on_set_current(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
     """MISSION_SET_CURRENT: success answers with MISSION_CURRENT of exactly that number, failure with nothing."""
     if navigator.set_current(fleet, craft, message.seq):
-        fleet.send(craft, current_message(craft, message.seq), causes)
-
-
-def current_message(craft: Craft, seq: int | None = None) -> Any:
-    """MISSION_CURRENT; the total excludes home."""
-    state = craft.mission_state if craft.sees_mission else MissionState.NONE
-    if craft.sees_mission and state == MissionState.NONE:
-        state = MissionState.NOT_STARTED
-    shown = craft.current if seq is None else seq
-    return dialect.MAVLink_mission_current_message(
-        shown, max(len(craft.mission) - 1, 0), state, int(craft.mode == Mode.AUTO)
-    )
+        told = table.message(fleet, craft, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        assert told is not None
+        told.seq = message.seq
+        fleet.send(craft, told, causes)
 
 
 def on_timer(fleet: Fleet, craft: Craft) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from typing import Final
 
 from skyrange.vehicle.builtin.layout import Control
@@ -19,24 +19,6 @@ class Mode(IntEnum):
     RTL = 6
     LAND = 9
     BRAKE = 17
-
-
-class ModeReason(StrEnum):
-    """Why a mode was entered: the `reason` of `event.mode`, named as AP_Vehicle/ModeReason.h names it."""
-
-    RC_COMMAND = "rc_command"
-    GCS_COMMAND = "gcs_command"
-    RADIO_FAILSAFE = "radio_failsafe"
-    BATTERY_FAILSAFE = "battery_failsafe"
-    GCS_FAILSAFE = "gcs_failsafe"
-    EKF_FAILSAFE = "ekf_failsafe"
-    GPS_GLITCH = "gps_glitch"
-    MISSION_END = "mission_end"
-    FENCE_BREACHED = "fence_breached"
-    TERRAIN_FAILSAFE = "terrain_failsafe"
-    BRAKE_TIMEOUT = "brake_timeout"
-    MISSION_CMD = "mission_cmd"
-    DEADRECKON_FAILSAFE = "deadreckon_failsafe"
 
 
 PILOTED: Final = {

@@ -11,7 +11,6 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin import do_items, facing, flown_items, loop
 from skyrange.vehicle.builtin.arming import disarm
-from skyrange.vehicle.builtin.do_items import change_speed
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, MissionState, Slot, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Flag, Heading
 from skyrange.vehicle.builtin.mission_kinds import (
@@ -26,13 +25,13 @@ from skyrange.vehicle.builtin.mission_kinds import (
     WAYPOINT,
 )
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.places import RELATIVE_FRAMES
 from skyrange.vehicle.builtin.sequence import MAX_ITEMS, next_navigation, resolve
-
-__all__ = ["RELATIVE_FRAMES", "change_speed"]
 
 _AGAIN_NS = NS_PER_S
 """An item is not reached again sooner than this: a loop of jumps over places that it is at already does not spin."""
+_LOOK_AHEAD = 3  # mis_change_detect_cmd_max
+_TEXTS = 30
+"""Jumps that are told at once: what ArduPilot's queue of texts holds (GCS.h `_status_capacity`)."""
 _TOLD = frozenset((WAYPOINT, SPLINE, TIME))
 _AFTER_LANDING = frozenset((TAKEOFF, DELAY))
 """Items that go on from the ground: a delay may be waited out there, between a landing and a take-off."""
@@ -101,16 +100,37 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
 
 
 def changed(fleet: Fleet, craft: Craft) -> None:
-    """The mission was rewritten: a waypoint under way is started anew, an item that is gone is not current."""
+    """The mission was rewritten: an item that is gone is not current; a waypoint under way is started anew.
+
+    The latter only where it or one of the two navigation items behind it is another now (MissionChangeDetector).
+    """
     if craft.current >= len(craft.mission):
         reset(craft)
         if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and not craft.sees_mission:
             _complete(fleet, craft)
             return
-    if craft.mode == Mode.AUTO and craft.flown is not None and craft.flown.command in _TOLD:
+    if craft.mode != Mode.AUTO or craft.flown is None or _ahead(craft) == craft.ahead:
+        return
+    if craft.flown.command in _TOLD and craft.mission_state == MissionState.ACTIVE:
+        fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto mission changed, restarted command")
         fleet.timer(craft, Timer.HOLD)
         craft.flown = None
         _advance(fleet, craft, craft.current)
+
+
+def _ahead(craft: Craft) -> tuple[object, ...]:
+    """What the navigation item under way and the two behind it say."""
+    found: list[object] = []
+    seq: int | None = craft.current
+    for _ in range(_LOOK_AHEAD):
+        seq = None if seq is None else next_navigation(craft, seq)
+        if seq is None:
+            break
+        slot = craft.mission[seq]
+        place = (slot.x, slot.y, slot.z)
+        found.append((seq, slot.command, slot.frame, slot.param1, slot.param2, slot.param3, slot.param4, place))
+        seq += 1
+    return tuple(found)
 
 
 def on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
@@ -163,17 +183,27 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
     The first DO item acts before the navigation item starts, the others after, as advance_current_nav_cmd has it.
     """
     do_items.drop(fleet, craft)
-    place: int | None = seq
-    first = 0
+    first = jumps = 0
+
+    def jumped(jump: int, made: int, times: int) -> None:
+        nonlocal jumps
+        jumps += 1
+        if jumps <= _TEXTS:
+            most = "unlimited" if times < 0 else str(times)
+            fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
+
     for _ in range(MAX_ITEMS):
-        place = resolve(craft, place, count=True)
-        if place is None:
+        found = resolve(craft, seq, True, jumped)
+        if found is None:
             break
+        place = found
         slot = craft.mission[place]
         if slot.command in NAVIGATION:
             craft.current = place
             craft.flown = slot
+            craft.ahead = _ahead(craft)
             fleet.timer(craft, Timer.HOLD)
+            do_items.announce(fleet, craft, place)
             if not _begin(fleet, craft, slot):
                 _reached(fleet, craft, slot)
             elif first and craft.flown is slot:
@@ -183,7 +213,7 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
             first = place
             if slot.command not in CONDITIONS:
                 do_items.start(fleet, craft, place)
-        place += 1
+        seq = place + 1
     _complete(fleet, craft)
 
 

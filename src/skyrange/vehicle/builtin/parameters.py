@@ -56,7 +56,7 @@ def stream_rates(prefix: str) -> tuple[Parameter, ...]:
 _STREAMS: Final = {
     "ADSB": "other aircraft's positions (none is sent)",
     "EXT_STAT": "status messages",
-    "EXTRA1": "ATTITUDE and AHRS2",
+    "EXTRA1": "ATTITUDE, AHRS2 and speed controllers",
     "EXTRA2": "VFR_HUD",
     "EXTRA3": "estimator, battery and environment",
     "PARAMS": "parameters (no message is streamed)",

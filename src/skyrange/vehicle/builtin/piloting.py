@@ -10,10 +10,9 @@ from typing import Any
 
 from skyrange.core.time import NEVER, from_seconds
 from skyrange.vehicle.builtin import navigator, sticks_in
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Timer
+from skyrange.vehicle.builtin.fleet import CHANNELS, Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.sticks_in import MAX_US, MIN_US
 
-_CHANNELS = 8
 _IGNORED, _UNSET = 65535, 32767
 
 
@@ -21,7 +20,7 @@ def on_override(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
     """RC_CHANNELS_OVERRIDE: microseconds per channel; 0 gives one back, 65535 leaves it."""
     if not _may(fleet, craft, partner):
         return
-    for channel in range(_CHANNELS):
+    for channel in range(CHANNELS):
         value = getattr(message, f"chan{channel + 1}_raw")
         if value != _IGNORED:
             _override(fleet, craft, channel, value)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from skyrange.vehicle.builtin.fleet import Craft
 from skyrange.vehicle.builtin.mission_kinds import JUMP, NAVIGATION
 
@@ -10,10 +12,12 @@ MAX_ITEMS = 255
 """Of advance_current_nav_cmd: a loop of jumps and DO items ends the mission."""
 
 
-def resolve(craft: Craft, seq: int | None, count: bool) -> int | None:
+Jumped = Callable[[int, int, int], None]
+"""Told of each jump made: its item, how often it has been made, and how often it may be (-1 for ever)."""
+
+
+def resolve(craft: Craft, seq: int, count: bool, jumped: Jumped | None = None) -> int | None:
     """The first item from `seq` on that is no jump, following jumps; counts them as made where `count`."""
-    if seq is None:
-        return None
     made = craft.jumps if count else dict(craft.jumps)
     for _ in range(_MAX_JUMPS):
         if seq >= len(craft.mission):
@@ -25,7 +29,9 @@ def resolve(craft: Craft, seq: int | None, count: bool) -> int | None:
         if not 0 < target < len(craft.mission):
             return None
         if times < 0 or made.get(seq, 0) < times:
-            made[seq] = made.get(seq, 0) + 1 if times >= 0 else 0
+            made[seq] = made.get(seq, 0) + 1
+            if jumped is not None:
+                jumped(seq, made[seq], times)
             seq = target
         else:
             made.pop(seq, None)

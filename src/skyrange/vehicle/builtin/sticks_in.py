@@ -1,27 +1,29 @@
 """Where are a pilot's sticks? From microseconds per channel to what the loop reads, and what arming asks of them.
 
-After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Sticks rest as in
-ArduPilot's SITL: roll, pitch and yaw in the middle, throttle at the bottom; channels run from 1000 to 2000 µs.
+After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. There is a
+receiver whose sticks nobody touches: roll, pitch and yaw in the middle, throttle at the bottom, switches off; channels
+run from 1000 to 2000 µs.
 """
 
 from __future__ import annotations
 
 from skyrange.vehicle.builtin import sticks
-from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.fleet import CHANNELS, Craft, Fleet
 from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE
 from skyrange.vehicle.builtin.modes import Mode
 
 MIN_US, MAX_US = 1000, 2000
 _MID_US = 1500
-_RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US)
+_RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US, *[MIN_US] * (CHANNELS - 4))
 _DEAD_US = (20, 20, 30, 20)
 """ArduCopter/radio.cpp `default_dead_zones`."""
 _THROTTLE = 2
 
 
 def place(fleet: Fleet, craft: Craft) -> None:
-    """Tell the loop where the sticks are."""
+    """Tell the loop and the reports where the sticks are."""
     values = [craft.overrides.get(channel, (rest, 0))[0] for channel, rest in enumerate(_RESTING_US)]
+    fleet.channels[craft.row] = values
     stick = fleet.flight["sticks"][craft.row]
     for index, channel in enumerate((0, 1, 3)):
         stick[index] = _norm(values[channel], _DEAD_US[channel])

@@ -104,7 +104,7 @@ _ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
 def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Causes) -> bool:
     """Change the mode; `False` and a text where it is refused. The present mode again changes nothing.
 
-    `reason` is a `modes.ModeReason`.
+    `reason` is ArduCopter's (AP_Vehicle/ModeReason.h), in lower case: what `event.mode` says.
     """
     if number == craft.mode:
         craft.mode_reason = reason

@@ -1,9 +1,8 @@
 """Where does the ground station want a GUIDED aircraft? SET_POSITION_TARGET_…, SET_ATTITUDE_TARGET.
 
-After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_message_set_…_target…`) and
-mode_guided.cpp. Positions, velocities, accelerations and combinations of them, with a yaw or a yaw rate; what makes no
-sense stops the aircraft, as does a number that is not finite, which ArduPilot looks for in velocities only. All but
-positions hold for GUID_TIMEOUT.
+After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_message_set_…_target…`) and mode_guided.cpp. Positions, velocities,
+accelerations and combinations of them, with a yaw or a yaw rate; what makes no sense stops the aircraft, as does a
+number that is not finite, which ArduPilot looks for in velocities only. All but positions hold for GUID_TIMEOUT.
 """
 
 from __future__ import annotations

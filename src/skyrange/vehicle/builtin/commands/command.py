@@ -12,6 +12,7 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
+from skyrange.vehicle.builtin.places import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES, datum_m
 
 ACCEPTED: Final = int(mav.MAV_RESULT_ACCEPTED)
 DENIED: Final = int(mav.MAV_RESULT_DENIED)
@@ -21,9 +22,6 @@ BUSY: Final = int(mav.MAV_RESULT_TEMPORARILY_REJECTED)
 
 ALT_MAX_M: Final = 83_000.0
 """LOCATION_ALT_MAX_M (AP_Common/Location.h)."""
-_RELATIVE: Final = frozenset((mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT))
-_TERRAIN: Final = frozenset((mav.MAV_FRAME_GLOBAL_TERRAIN_ALT, mav.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT))
-_ABSOLUTE: Final = frozenset((mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_INT))
 _LOCATED: Final = frozenset(
     (
         mav.MAV_CMD_DO_SET_HOME,
@@ -101,19 +99,13 @@ def place(fleet: Fleet, craft: Craft, command: Command) -> tuple[float, float, f
     """The command's place in ENU metres; `None` for an altitude or a frame that cannot be. Terrain is flat."""
     if not abs(command.z) <= ALT_MAX_M:
         return None
-    if command.frame in _RELATIVE:
-        up = craft.home[2] + command.z
-    elif command.frame in _TERRAIN:
-        up = command.z
-    elif command.frame in _ABSOLUTE:
-        up = command.z - fleet.origin.alt_msl_m
-    else:
+    if command.frame not in RELATIVE_FRAMES | TERRAIN_FRAMES | ABSOLUTE_FRAMES:
         return None
     held = (max(min(command.x, 900_000_000), -900_000_000), max(min(command.y, 1_800_000_000), -1_800_000_000))
     east, north = fleet.origin.enu_of(held[0] * 1e-7, held[1] * 1e-7)
-    return east, north, up
+    return east, north, command.z + datum_m(fleet, craft, command.frame)
 
 
 def is_relative(command: Command) -> bool:
     """Whether the altitude is above home or terrain."""
-    return command.frame in _RELATIVE or command.frame in _TERRAIN
+    return command.frame in RELATIVE_FRAMES or command.frame in TERRAIN_FRAMES

@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin import facing, navigator, targets
+from skyrange.vehicle.builtin import do_items, facing, navigator, targets
 from skyrange.vehicle.builtin.arming import FORCE, FORCE_ARM, arm, disarm, take_off
 from skyrange.vehicle.builtin.commands.command import (
     ACCEPTED,
@@ -130,7 +130,7 @@ def change_speed(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
         return DENIED
     if craft.mode not in (Mode.AUTO, Mode.GUIDED, Mode.RTL):
         return FAILED
-    return ACCEPTED if navigator.change_speed(fleet, craft, kind, speed) else FAILED
+    return ACCEPTED if do_items.change_speed(fleet, craft, kind, speed) else FAILED
 
 
 def turn(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:

@@ -100,7 +100,7 @@ def get_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -
 def do_set_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """DO_SET_HOME: here (param1 1, or latitude and longitude 0), or at a place. Arming does not move it any more."""
     if command.params[0] == 1.0 or (command.x == 0 and command.y == 0):
-        set_home(fleet, craft, fleet.position(craft), command.causes)
+        set_home(fleet, craft, fleet.position(craft), command.causes, lock=True)
         return ACCEPTED
     if command.params[0] != 0.0:
         return FAILED
@@ -109,5 +109,5 @@ def do_set_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command
         return DENIED
     if not on_earth(command.x, command.y):
         return FAILED
-    set_home(fleet, craft, goal, command.causes)
+    set_home(fleet, craft, goal, command.causes, lock=True)
     return ACCEPTED

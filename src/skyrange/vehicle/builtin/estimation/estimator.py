@@ -140,6 +140,7 @@ def begin(
         e.gnss_fix = min(max(fix[i], 0), 8)
         e.gnss_sats = min(max(satellites[i], 0), 255)
         e.gnss_hdop = 1.0
+        e.gnss_acc[0], e.gnss_acc[1], e.gnss_acc[2] = h_acc, v_acc, s_acc
         for axis in range(3):
             e.gnss_pos[axis] = position[i, axis] if usable else k.pos[axis]
             e.gnss_vel[axis] = velocity[i, axis] if usable else 0.0

@@ -103,6 +103,7 @@ def read_fix(
     h_acc = claimed(accuracy[i, 0], _WORST_M)
     v_acc = claimed(accuracy[i, 1], _WORST_M)
     s_acc = claimed(accuracy[i, 2], _WORST_MPS)
+    e.gnss_acc[0], e.gnss_acc[1], e.gnss_acc[2] = h_acc, v_acc, s_acc
     hdop = clamp(h_acc / _RANGE_ERROR_M, 0.5, 99.99)
     e.gnss_hdop = hdop
     gap = min(max(now - k.fix_at, 0), _LATEST_NS)

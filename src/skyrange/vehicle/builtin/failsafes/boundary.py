@@ -20,6 +20,7 @@ from skyrange.vehicle.builtin.fleet import Craft, Fleet
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.switching import set_mode
+from skyrange.vehicle.builtin.telemetry.table import message
 
 _CHANGED = int(Alarm.FENCE_CHANGED)
 _BREACHED = int(Alarm.FENCE_BREACHED)
@@ -196,7 +197,9 @@ def breached(fleet: Fleet, craft: Craft) -> None:
     kinds = int(state["fresh"][row])
     if int(state["breach_ns"][row]) == fleet.now and fleet.now - int(state["told_ns"][row]) > _NOTIFY_NS:
         state["told_ns"][row] = fleet.now
-        fleet.send(craft, fence.status_message(fleet, craft))
+        told = message(fleet, craft, dialect.MAVLINK_MSG_ID_FENCE_STATUS)
+        if told is not None:
+            fleet.send(craft, told)
     if not fleet.armed(craft):
         return
     fence.tell(fleet, craft, "breached", 0 if fleet.landed(craft) else kinds)

@@ -26,6 +26,8 @@ _LEG: Final = int(Control.LEG)
 _POSITION_CONTROL: Final = int(Control.POSITION)
 _TAKEOFF: Final = int(Control.TAKEOFF)
 _TRACK: Final = int(Control.TRACK)
+_ACCEL_CONTROL: Final = int(Control.ACCEL)
+_ATTITUDE_CONTROL: Final = int(Control.ATTITUDE)
 # POSITION_TARGET_TYPEMASK bits to ignore
 _POSITION: Final = 0b111
 _VELOCITY: Final = 0b111000
@@ -196,17 +198,20 @@ def has_place(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 
 
 def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """POSITION_TARGET_LOCAL_NED of GUIDED: a place, a moving place, or a velocity."""
+    """POSITION_TARGET_LOCAL_NED of GUIDED: what was asked for last, a place, a moving place, a velocity, a push."""
     f = fleet.flight
     control = f["control"][rows]
-    to_place = has_place(fleet, rows) | (control == _TAKEOFF) | (control == _TRACK)
-    place, vel = f["target_pos"][rows], f["target_vel"][rows]
-    moving = to_place & (vel != 0.0).any(axis=1)
+    track, push = control == _TRACK, control == _ACCEL_CONTROL
+    placed = has_place(fleet, rows) | (control == _TAKEOFF) | track
+    moved = ~placed & ~push | track
+    pushed = push | moved
+    mask = np.where(placed, 0, _POSITION) | np.where(moved, 0, _VELOCITY) | np.where(pushed, 0, _ACCEL) | _YAW
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
-    out["type_mask"] = np.where(moving, _YAW, np.where(to_place, _VELOCITY | _ACCEL | _YAW, _POSITION | _YAW))
-    _ned(out, ("x", "y", "z"), place, to_place)
-    _ned(out, ("vx", "vy", "vz"), vel, moving | ~to_place)
+    out["type_mask"] = mask
+    _ned(out, ("x", "y", "z"), f["target_pos"][rows], placed)
+    _ned(out, ("vx", "vy", "vz"), f["target_vel"][rows], moved)
+    _ned(out, ("afx", "afy", "afz"), f["target_acc"][rows], pushed)
 
 
 def _ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
@@ -214,6 +219,7 @@ def _ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.
         out[name] = np.where(said, values, 0.0)
 
 
-def in_guided(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    """Whether the mode is GUIDED, the only one with a local target."""
-    return _guided(fleet, rows)
+def has_local_target(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
+    """Whether the mode is GUIDED, the only one with a local target, and flies to one: an attitude is none."""
+    attitude: NDArray[np.bool_] = fleet.flight["control"][rows] == _ATTITUDE_CONTROL
+    return _guided(fleet, rows) & ~attitude

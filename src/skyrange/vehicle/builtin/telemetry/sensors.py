@@ -26,9 +26,16 @@ _LEAST_PWM_US: Final = 1000
 _PWM_RANGE_US: Final = 1000
 """MOT_PWM_MIN to MOT_PWM_MAX."""
 _SERVOS: Final = tuple(f"servo{motor + 1}_raw" for motor in range(16))
+_CHANNELS: Final = tuple(f"chan{channel + 1}_raw" for channel in range(18))
 _SEA_LEVEL_HPA: Final = 1013.25
 _RANGE_CM: Final = (20, 5000)
 _UNKNOWN_DOP: Final = 9999  # GPS_UNKNOWN_DOP
+_RANGE_ERROR_M: Final = 1.5
+"""An accuracy over a dilution of precision, as `estimation.gnss` has it for the level one."""
+_DOP_MIN, _DOP_MAX = 0.5, 99.99
+_RADPS_PER_RPM: Final = 2.0 * math.pi / 60.0
+_ESC_HZ: Final = 100
+"""How often a speed controller reports; each report is counted."""
 
 
 def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -43,14 +50,15 @@ def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
     out["alt"] = columns.msl_mm(fleet, pos[:, 2])
     out["eph"] = np.where(located, held(e["gnss_hdop"][rows] * 100.0, U16, 0), _UNKNOWN_DOP)
-    out["epv"] = np.where(located, 80, _UNKNOWN_DOP)
+    claimed = e["gnss_acc"][rows]
+    vdop = np.clip(claimed[:, 1] / _RANGE_ERROR_M, _DOP_MIN, _DOP_MAX)
+    out["epv"] = np.where(located, vdop * 100.0, _UNKNOWN_DOP)
     out["vel"] = held(np.hypot(vel[:, 0], vel[:, 1]) * 100.0, U16, 0)
     out["cog"] = columns.course_cdeg(vel[:, 0], vel[:, 1])
     out["satellites_visible"] = e["gnss_sats"][rows]
     out["alt_ellipsoid"] = held((fleet.origin.alt_msl_m + fleet.origin.geoid_m + pos[:, 2]) * 1e3, I32)
-    out["h_acc"] = 300
-    out["v_acc"] = 300
-    out["vel_acc"] = 40
+    for place, name in enumerate(("h_acc", "v_acc", "vel_acc")):
+        out[name] = held(claimed[:, place] * 1e3, I32, 0)
 
 
 def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -76,6 +84,13 @@ def scaled_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
     """SCALED_IMU and SCALED_IMU2."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     _imu(fleet, rows, out)
+
+
+def scaled_imu3(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """SCALED_IMU3: a third compass, with no inertial sensor beside it, as in ArduPilot's SITL."""
+    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    read = columns.known(fleet.estimate["compass"][rows]) * 1000.0
+    out["xmag"], out["ymag"], out["zmag"] = held(read[:, 0], I16), held(-read[:, 1], I16), held(-read[:, 2], I16)
 
 
 def scaled_pressure(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -109,9 +124,29 @@ def servo_output_raw(fleet: Fleet, rows: Ints, out: Table) -> None:
         out[_SERVOS[motor]] = pulses[:, motor]
 
 
+def esc_telemetry(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """ESC_TELEMETRY_1_TO_4: each rotor's speed, and its share of the battery's current; no temperature is measured.
+
+    A rotor takes power as the cube of its speed (`world.multirotor`), by which the current is shared.
+    """
+    power = fleet.power
+    speed = np.abs(fleet.rotors[rows])
+    work = speed**3
+    share = work / np.maximum(work.sum(axis=1, keepdims=True), 1e-9)
+    out["voltage"] = held(power["voltage"][rows] * 100.0, U16, 0)[:, None]
+    out["current"] = held(power["current"][rows, None] * share * 100.0, U16, 0)
+    out["totalcurrent"] = held(power["consumed_mah"][rows] / speed.shape[1], U16, 0)[:, None]
+    out["rpm"] = held(speed / _RADPS_PER_RPM, U16, 0)
+    out["count"] = (columns.boot_ms(fleet, rows) * _ESC_HZ // 1000 & U16)[:, None]
+
+
 def rc_channels(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RC_CHANNELS: no radio control is heard, and its signal strength is unknown."""
+    """RC_CHANNELS: where the sticks are (`sticks_in`); the signal strength is unknown."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
+    sticks = fleet.channels[rows]
+    out["chancount"] = sticks.shape[1]
+    for channel in range(sticks.shape[1]):
+        out[_CHANNELS[channel]] = sticks[:, channel]
     out["rssi"] = 255
 
 

@@ -30,6 +30,7 @@ _LAST_BY_HAND: Final = 1
 """STABILIZE and ACRO do not hold a height either."""
 _AUTO: Final = int(Mode.AUTO)
 _BOARD_MV: Final = 5000
+_MCU_MV, _MCU_CDEG = 3300, 4500
 _MEMORY: Final = 131_072
 """Bytes free, as ArduPilot's simulation says."""
 _FRESH_S: Final = 1.5
@@ -45,6 +46,7 @@ _ALWAYS: Final = (
     | dialect.MAV_SYS_STATUS_SENSOR_ATTITUDE_STABILIZATION
     | dialect.MAV_SYS_STATUS_SENSOR_YAW_POSITION
     | dialect.MAV_SYS_STATUS_SENSOR_MOTOR_OUTPUTS
+    | dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
     | dialect.MAV_SYS_STATUS_TERRAIN
     | dialect.MAV_SYS_STATUS_SENSOR_PROPULSION
 )
@@ -68,11 +70,6 @@ _CAPABILITIES: Final = (
     | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     | dialect.MAV_PROTOCOL_CAPABILITY_MISSION_RALLY
 )
-
-
-def _given(fleet: Fleet, rows: Ints, name: str) -> NDArray[np.float64]:
-    """A parameter that another part of the autopilot may bring; 0 where there is none."""
-    return fleet.stored[rows, INDEX[name]] if name in INDEX else np.zeros(len(rows))
 
 
 def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -114,7 +111,7 @@ def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     fitting = ~((e["vel_ratio"][rows] > 1.0) & (e["pos_ratio"][rows] > 1.0) & (e["hgt_ratio"][rows] > 1.0))
     place, height = modes > _LAST_MANUAL, modes > _LAST_BY_HAND
     fenced = fence["enabled"][rows] != 0
-    checked = _given(fleet, rows, "ARMING_CHECK") != 0 if "ARMING_CHECK" in INDEX else np.ones(len(rows), dtype=bool)
+    checked = fleet.stored[rows, INDEX["ARMING_CHECK"]] != 0
     ready = (fleet.flight["armed"][rows] == 1) | (fleet.watch["prearm_ok"][rows] != 0)
     present = _ALWAYS | _AHRS | _PLACE | _HEIGHT | _BATTERY | _PREARM | np.where(fix > 0, _GNSS, 0)
     present |= np.where(fenced, _FENCE, 0)
@@ -136,7 +133,7 @@ def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 def has_battery_monitor(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     """Whether a battery monitor is set up (BATT_MONITOR)."""
-    fitted: NDArray[np.bool_] = _given(fleet, rows, "BATT_MONITOR") != 0
+    fitted: NDArray[np.bool_] = fleet.stored[rows, INDEX["BATT_MONITOR"]] != 0
     return fitted
 
 
@@ -167,6 +164,13 @@ _CHARGE: Final = np.array(
 def power_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     """POWER_STATUS: the board's supply, always as it should be."""
     out["Vcc"] = _BOARD_MV
+
+
+def mcu_status(fleet: Fleet, rows: Ints, out: Table) -> None:
+    """MCU_STATUS: the processor, always as warm and as well supplied."""
+    out["MCU_temperature"] = _MCU_CDEG
+    for name in ("MCU_voltage", "MCU_voltage_min", "MCU_voltage_max"):
+        out[name] = _MCU_MV
 
 
 def hwstatus(fleet: Fleet, rows: Ints, out: Table) -> None:

@@ -21,6 +21,7 @@ STREAMS: Final[dict[int, tuple[str, tuple[int, ...]]]] = {
         (
             mav.MAVLINK_MSG_ID_RAW_IMU,
             mav.MAVLINK_MSG_ID_SCALED_IMU2,
+            mav.MAVLINK_MSG_ID_SCALED_IMU3,
             mav.MAVLINK_MSG_ID_SCALED_PRESSURE,
             mav.MAVLINK_MSG_ID_SCALED_PRESSURE2,
         ),
@@ -30,6 +31,7 @@ STREAMS: Final[dict[int, tuple[str, tuple[int, ...]]]] = {
         (
             mav.MAVLINK_MSG_ID_SYS_STATUS,
             mav.MAVLINK_MSG_ID_POWER_STATUS,
+            mav.MAVLINK_MSG_ID_MCU_STATUS,
             mav.MAVLINK_MSG_ID_MEMINFO,
             mav.MAVLINK_MSG_ID_MISSION_CURRENT,
             mav.MAVLINK_MSG_ID_GPS_RAW_INT,
@@ -47,7 +49,10 @@ STREAMS: Final[dict[int, tuple[str, tuple[int, ...]]]] = {
         "SR0_POSITION",
         (mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED),
     ),
-    mav.MAV_DATA_STREAM_EXTRA1: ("SR0_EXTRA1", (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_AHRS2)),
+    mav.MAV_DATA_STREAM_EXTRA1: (
+        "SR0_EXTRA1",
+        (mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_AHRS2, mav.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4),
+    ),
     mav.MAV_DATA_STREAM_EXTRA2: ("SR0_EXTRA2", (mav.MAVLINK_MSG_ID_VFR_HUD,)),
     mav.MAV_DATA_STREAM_EXTRA3: (
         "SR0_EXTRA3",
@@ -97,9 +102,7 @@ def default_ns(fleet: Fleet, craft: Craft, message: int) -> Time:
 
 
 def on_request(fleet: Fleet, schedule: Schedule, craft: Craft, message: Any) -> None:
-    """REQUEST_DATA_STREAM: start or stop one stream, or all (0); the rate is the stream's parameter until the
-    next boot.
-    """
+    """REQUEST_DATA_STREAM: start or stop one stream, or all (0); it sets the stream's parameter until the next boot."""
     if message.start_stop > 1:
         return
     # ArduPilot holds the rate in 16 bits with a sign: beyond them it is negative, and nothing is sent

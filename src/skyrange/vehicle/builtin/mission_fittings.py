@@ -1,0 +1,63 @@
+"""Which DO items are there for devices that are not fitted? What ArduPilot keeps of each, and whether it tells.
+
+ArduCopter takes these items, keeps their parameters in its 15 bytes (AP_Mission.cpp `mavlink_int_to_mission_cmd`, the
+structures of AP_Mission.h), and goes on past them where there is no camera, gimbal, gripper, servo or relay to move: a
+survey that a ground station drew with camera triggers is flown as a survey.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from skyrange.codec.mavlink import dialect as mav
+
+FENCE_ENABLE: Final = mav.MAV_CMD_DO_FENCE_ENABLE
+"""The only one of them that acts."""
+
+_RANGES: Final = {"B": (0, 255), "b": (-128, 127), "H": (0, 65_535), "h": (-32_768, 32_767)}
+
+FITTINGS: Final = {
+    mav.MAV_CMD_DO_SET_RELAY: "BB-----",
+    mav.MAV_CMD_DO_REPEAT_RELAY: "Bhf----",
+    mav.MAV_CMD_DO_SET_SERVO: "BH-----",
+    mav.MAV_CMD_DO_REPEAT_SERVO: "BHhf---",
+    mav.MAV_CMD_DO_DIGICAM_CONFIGURE: "BHBHBBf",
+    mav.MAV_CMD_DO_DIGICAM_CONTROL: "BBbBBB-",
+    mav.MAV_CMD_DO_MOUNT_CONTROL: "fff----",
+    mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST: "f-B----",
+    FENCE_ENABLE: "H------",
+    mav.MAV_CMD_DO_PARACHUTE: "H------",
+    mav.MAV_CMD_DO_GRIPPER: "BB-----",
+    mav.MAV_CMD_DO_SPRAYER: "H------",
+    mav.MAV_CMD_DO_AUX_FUNCTION: "HB-----",
+    mav.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: "bhbbB-B",
+    mav.MAV_CMD_IMAGE_START_CAPTURE: "BfHH---",
+    mav.MAV_CMD_IMAGE_STOP_CAPTURE: "H------",
+    mav.MAV_CMD_SET_CAMERA_ZOOM: "Bf-----",
+    mav.MAV_CMD_SET_CAMERA_FOCUS: "Bf-----",
+    mav.MAV_CMD_VIDEO_START_CAPTURE: "B------",
+    mav.MAV_CMD_VIDEO_STOP_CAPTURE: "H------",
+    mav.MAV_CMD_DO_WINCH: "BBff---",
+}
+"""What is kept of param1 … param4, x, y and z: whole numbers as `struct` names them, `f` a float, `-` nothing."""
+
+TOLD: Final = frozenset((mav.MAV_CMD_DO_MOUNT_CONTROL, FENCE_ENABLE, mav.MAV_CMD_DO_WINCH))
+"""Those that are reported with MISSION_ITEM_REACHED (ModeAuto::verify_command); AP_Mission passes over the others."""
+
+
+def kept(command: int, values: Sequence[float]) -> tuple[float, ...]:
+    """The seven numbers of such an item as ArduPilot keeps them; what is no number is 0."""
+    return tuple(_kept(kind, value) for kind, value in zip(FITTINGS[command], values, strict=True))
+
+
+def _kept(kind: str, value: float) -> float:
+    if kind == "-" or not math.isfinite(value):
+        return 0.0
+    if kind == "f":
+        return float(np.float32(value))
+    low, high = _RANGES[kind]
+    return float(int(min(max(value, low), high)))
