@@ -70,7 +70,15 @@ def test_the_time_out_is_a_parameter() -> None:
         (3, "RTL", ["SmartRTL Unavailable, Trying RTL Mode"]),
         (4, "LAND", ["SmartRTL Unavailable, Using Land Mode"]),
         (5, "LAND", []),
-        (6, "RTL", ["Trying RTL Mode"]),
+        (
+            6,
+            "RTL",
+            [
+                "Unable to start landing sequence",
+                "Mode change to AUTO RTL failed: No return path or ",
+                "Trying RTL Mode",
+            ],
+        ),
         (7, "BRAKE", []),
     ],
 )

@@ -10,7 +10,7 @@ import math
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.vehicle.builtin import fence, loop, prearm, sticks_in
+from skyrange.vehicle.builtin import auto_rtl, fence, loop, prearm, sticks_in
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
 from skyrange.vehicle.builtin.modes import PILOTED, Mode, armable
@@ -49,8 +49,8 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
 
 def _refusal(fleet: Fleet, craft: Craft) -> str:
     """Why a craft that passes the pre-arm checks may not be armed all the same (`arm_checks`), or ""."""
-    if not armable(craft.mode, int(fleet.param(craft, "AUTO_OPTIONS"))):
-        return f"{Mode(craft.mode).name} mode not armable"
+    if not armable(craft.shown_mode, int(fleet.param(craft, "AUTO_OPTIONS"))):
+        return f"{Mode(craft.shown_mode).name} mode not armable"
     checks = int(fleet.param(craft, "ARMING_CHECK"))
     lean = math.hypot(float(fleet.estimate["roll"][craft.row]), float(fleet.estimate["pitch"][craft.row]))
     if checks & (prearm.Bit.ALL | prearm.Bit.INS) and lean > math.radians(fleet.param(craft, "ANGLE_MAX") * 0.01):
@@ -70,6 +70,7 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
     craft.ready = False
     craft.stage = Stage.NONE
     craft.flown = None
+    craft.in_landing = False
     craft.current = 0
     craft.jumps.clear()
     craft.do_next = 0
@@ -79,6 +80,7 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
         fleet.timer(craft, timer)
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Disarming motors", causes)
     fleet.note("event.disarmed", craft, {"reason": reason}, causes)
+    auto_rtl.look(fleet, craft)
     fence.on_disarming(fleet, craft)
 
 

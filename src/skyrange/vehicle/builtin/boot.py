@@ -5,6 +5,7 @@ After ArduPilot's storage (AP_Param, AP_Mission) and `Copter::init_ardupilot`. I
 
 from __future__ import annotations
 
+from skyrange.vehicle.builtin import sticks_in
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.failsafes import service
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
@@ -32,6 +33,8 @@ def reboot(fleet: Fleet, schedule: Schedule, craft: Craft, causes: Causes) -> No
     fleet.systems[row] = craft.system_id
     fleet.boot_ns[row] = fleet.now
     fleet.take_mode(craft, Mode.STABILIZE)
+    craft.paused, craft.beneath, craft.resumes = False, (), False
+    sticks_in.place(fleet, craft)
     craft.mode_causes = causes
     craft.uploads = [Upload() for _ in craft.uploads]
     craft.mission_state = MissionState.NOT_STARTED if craft.sees_mission else MissionState.NONE

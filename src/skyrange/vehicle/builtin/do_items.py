@@ -17,8 +17,10 @@ from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot, Timer
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.mission_fittings import FENCE_ENABLE, FITTINGS, TOLD
 from skyrange.vehicle.builtin.mission_kinds import (
+    LAND_START,
     NAMES,
     NEAR,
+    PARACHUTE,
     ROI,
     ROI_LOCATION,
     ROI_NONE,
@@ -40,6 +42,8 @@ def start(fleet: Fleet, craft: Craft, seq: int) -> None:
     slot = craft.mission[seq]
     command = slot.command
     announce(fleet, craft, seq)
+    if command in (LAND_START, PARACHUTE):
+        craft.in_landing = True
     if command == SPEED and slot.param2 > 0.0:
         change_speed(fleet, craft, int(slot.param1), slot.param2)
     elif command == SET_HOME:
@@ -121,7 +125,7 @@ def _holds(fleet: Fleet, craft: Craft) -> bool:
 
 def distance_m(fleet: Fleet, craft: Craft) -> float:
     """How far the present goal is over the ground (ModeAuto::wp_distance_m); 0 of none."""
-    if fleet.control(craft) not in (Control.LEG, Control.POSITION, Control.CIRCLE):
+    if not craft.paused and fleet.control(craft) not in (Control.LEG, Control.POSITION, Control.CIRCLE):
         return 0.0
     here, goal = fleet.position(craft), fleet.flight["target_pos"][craft.row].tolist()
     return math.hypot(goal[0] - here[0], goal[1] - here[1])

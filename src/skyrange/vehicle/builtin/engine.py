@@ -29,6 +29,7 @@ from skyrange.vehicle.builtin import (
     mission_protocol,
     navigator,
     parameter_protocol,
+    pausing,
     piloting,
     returning,
     sticks_in,
@@ -184,7 +185,15 @@ class BuiltinFleet:
         if addressee not in (0, craft.system_id):
             craft.ignored += 1
             return
-        causes = (arrival.ref,)
+        if craft.paused:
+            pausing.lift(fleet, craft)
+        self._obey(craft, message, partner, (arrival.ref,))
+        if craft.paused:
+            pausing.settle(fleet, craft)
+
+    def _obey(self, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+        """Hand a message to what acts on it."""
+        fleet = self._fleet
         number = message.get_msgId()
         handler = _HANDLERS.get(number)
         if handler is not None:
@@ -217,7 +226,11 @@ class BuiltinFleet:
             craft = fleet.crafts[row]
             if fleet.timers[row, column] <= now:  # an earlier one may have cleared it
                 fleet.timers[row, column] = NEVER
+                if craft.paused:
+                    pausing.lift(fleet, craft)
                 _TIMERS[Timer(column)](fleet, craft)
+                if craft.paused:
+                    pausing.settle(fleet, craft)
 
 
 def _refuses(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
@@ -265,7 +278,7 @@ def _on_landed(fleet: Fleet, craft: Craft) -> None:
 def _on_idle(fleet: Fleet, craft: Craft) -> None:
     if not (fleet.armed(craft) and fleet.landed(craft)):
         return
-    if fleet.flight["sticks"][craft.row, 3] > 0.0:  # a raised throttle puts it off (auto_disarm_check)
+    if sticks_in.throttle(fleet, craft) > 0.0:  # a raised throttle puts it off (auto_disarm_check)
         fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
     else:
         disarm(fleet, craft, "disarm_delay", ())

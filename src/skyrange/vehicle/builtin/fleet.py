@@ -21,6 +21,7 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
 from skyrange.vehicle.builtin.fence_zones import ZONES
 from skyrange.vehicle.builtin.layout import LEGS, Control, Records, zeros
+from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
 from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
@@ -86,11 +87,13 @@ class Upload:
 
 
 class MissionState(IntEnum):
-    """MAVLink's MISSION_STATE values as ArduPilot uses them: one that was left is "not started", never "paused"."""
+    """MAVLink's MISSION_STATE values as ArduPilot uses them: one that was left is "not started", not "paused"."""
 
     NONE = 1
     NOT_STARTED = 2
     ACTIVE = 3
+    PAUSED = 4
+    """Told while `Craft.paused`, never a craft's own state."""
     COMPLETE = 5
 
 
@@ -137,6 +140,16 @@ class Craft:
     """What it and the navigation items behind it said then: whether a new mission changes them."""
     jumps: dict[int, int] = field(default_factory=dict)
     """How often each DO_JUMP has jumped."""
+    in_landing: bool = False
+    """The mission is in its landing sequence (AP_Mission's `in_landing_sequence`)."""
+    auto_rtl: bool = False
+    """AUTO was entered to fly the landing sequence: it is shown as AUTO_RTL."""
+    resumes: bool = False
+    """AUTO goes on with the current item when it is entered next, whatever MIS_RESTART says."""
+    paused: bool = False
+    """DO_PAUSE_CONTINUE holds it, in AUTO or GUIDED."""
+    beneath: tuple[tuple[str, Any], ...] = ()
+    """What a paused GUIDED flies when it goes on: fields of its row in `Fleet.flight`."""
     stage: int = Stage.NONE
     circles: int = -1
     """Whole turns flown of a circle, -1 before its first has been told."""
@@ -162,6 +175,11 @@ class Craft:
     """Its parameters were erased, which the next boot shows."""
     unsaved: dict[int, float] = field(default_factory=dict)
     """Parameters (by index) that were changed only until the next boot, and what they are then."""
+
+    @property
+    def shown_mode(self) -> int:
+        """HEARTBEAT.custom_mode (`Mode::mode_number`)."""
+        return Mode.AUTO_RTL if self.auto_rtl else self.mode
 
     @property
     def sees_mission(self) -> bool:
@@ -203,7 +221,7 @@ class Fleet:
         self.systems: NDArray[np.int64] = np.array([craft.system_id for craft in crafts], dtype=np.int64)
         """(n,) MAVLink system ids in use."""
         self.modes: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
-        """(n,) each craft's mode, for reports."""
+        """(n,) each craft's mode as it is shown, for reports."""
         self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         """(n,) when each was switched on."""
 
@@ -222,6 +240,12 @@ class Fleet:
     def take_mode(self, craft: Craft, mode: int) -> None:
         """Say that a craft is in a mode from now on."""
         craft.mode = self.modes[craft.row] = mode
+        craft.auto_rtl = False
+
+    def show_auto_rtl(self, craft: Craft, shown: bool) -> None:
+        """Show AUTO as AUTO_RTL from now on, or no longer."""
+        craft.auto_rtl = shown
+        self.modes[craft.row] = craft.shown_mode
 
     def take_home(self, craft: Craft, place: tuple[float, float, float]) -> None:
         """Say that a craft's home is at a place (ENU metres) from now on."""

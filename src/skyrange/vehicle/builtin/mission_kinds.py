@@ -24,6 +24,7 @@ JUMP: Final = dialect.MAV_CMD_DO_JUMP
 SPEED: Final = dialect.MAV_CMD_DO_CHANGE_SPEED
 SET_HOME: Final = dialect.MAV_CMD_DO_SET_HOME
 LAND_START: Final = dialect.MAV_CMD_DO_LAND_START
+PARACHUTE: Final = dialect.MAV_CMD_DO_PARACHUTE
 ROI: Final = dialect.MAV_CMD_DO_SET_ROI
 ROI_LOCATION: Final = dialect.MAV_CMD_DO_SET_ROI_LOCATION
 ROI_NONE: Final = dialect.MAV_CMD_DO_SET_ROI_NONE
@@ -68,7 +69,7 @@ NAMES: Final = {
     dialect.MAV_CMD_DO_MOUNT_CONTROL: "MountControl",
     dialect.MAV_CMD_DO_SET_CAM_TRIGG_DIST: "SetCamTrigDst",
     dialect.MAV_CMD_DO_FENCE_ENABLE: "FenceEnable",
-    dialect.MAV_CMD_DO_PARACHUTE: "Parachute",
+    PARACHUTE: "Parachute",
     dialect.MAV_CMD_DO_GRIPPER: "Gripper",
     dialect.MAV_CMD_DO_SPRAYER: "Sprayer",
     dialect.MAV_CMD_DO_AUX_FUNCTION: "AuxFunction",

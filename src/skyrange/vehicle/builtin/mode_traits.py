@@ -11,8 +11,8 @@ from skyrange.vehicle.builtin.fleet import Craft, Fleet
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 
-NEEDS_POSITION: Final = frozenset((3, 4, 5, 6, 7, 16, 17))
-"""AUTO, GUIDED, LOITER, RTL, CIRCLE, POSHOLD, BRAKE: not to be entered or armed in without a position."""
+NEEDS_POSITION: Final = frozenset((3, 4, 5, 6, 7, 16, 17, 27))
+"""AUTO, GUIDED, LOITER, RTL, CIRCLE, POSHOLD, BRAKE, AUTO_RTL: not to be entered or armed in without a position."""
 MANUAL_THROTTLE: Final = frozenset((0, 1))
 """STABILIZE, ACRO."""
 AUTOPILOT: Final = frozenset((3, 4, 6, 7, 9))

@@ -19,6 +19,8 @@ class Mode(IntEnum):
     RTL = 6
     LAND = 9
     BRAKE = 17
+    AUTO_RTL = 27
+    """No mode of its own: AUTO, while it flies a landing sequence that was asked for."""
 
 
 PILOTED: Final = {

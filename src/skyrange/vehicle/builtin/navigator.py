@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import do_items, facing, flown_items, loop
+from skyrange.vehicle.builtin import auto_rtl, do_items, facing, flown_items, loop, pausing
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.fleet import Craft, Fleet, MissionState, Slot, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Flag, Heading
 from skyrange.vehicle.builtin.mission_kinds import (
     CONDITIONS,
     DELAY,
+    LAND,
+    LAND_START,
     NAVIGATION,
     RTL,
     SPLINE,
@@ -37,15 +39,17 @@ _AFTER_LANDING = frozenset((TAKEOFF, DELAY))
 """Items that go on from the ground: a delay may be waited out there, between a landing and a take-off."""
 
 
-def starts_with_takeoff(craft: Craft) -> bool:
+def starts_with_takeoff(fleet: Fleet, craft: Craft) -> bool:
     """Whether the first navigation item to be flown is a take-off (AP_Mission::starts_with_takeoff_cmd)."""
-    seq = next_navigation(craft, craft.current if craft.flown is not None and craft.current else 1)
+    seq = next_navigation(craft, 1 if fleet.param(craft, "MIS_RESTART") == 1 else craft.current or 1)
     return seq is not None and craft.mission[seq].command == TAKEOFF
 
 
 def start_or_resume(fleet: Fleet, craft: Craft) -> None:
     """AUTO was entered: begin anew after the end or where MIS_RESTART says so, else go on with the item left."""
-    if craft.mission_state == MissionState.COMPLETE or fleet.param(craft, "MIS_RESTART") == 1:
+    anew = fleet.param(craft, "MIS_RESTART") == 1 and not craft.resumes
+    craft.resumes = False
+    if craft.mission_state == MissionState.COMPLETE or anew:
         reset(craft)
     craft.mission_state = MissionState.ACTIVE
     craft.flown = None
@@ -56,6 +60,7 @@ def reset(craft: Craft) -> None:
     """Back to the first item, jump counters cleared."""
     craft.current = 0
     craft.flown = None
+    craft.in_landing = False
     craft.jumps.clear()
     craft.reached.clear()
 
@@ -83,6 +88,7 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
         return False
     if seq == 0 or craft.mission_state == MissionState.COMPLETE:
         craft.jumps.clear()
+    craft.in_landing = craft.mission[seq].command == LAND_START
     seq = max(seq, 1)
     craft.flown = None
     craft.stage = Stage.NONE
@@ -96,6 +102,7 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
     craft.current = seq
     if craft.mission_state != MissionState.ACTIVE:
         craft.mission_state = MissionState.NOT_STARTED
+    auto_rtl.look(fleet, craft)
     return True
 
 
@@ -109,6 +116,7 @@ def changed(fleet: Fleet, craft: Craft) -> None:
         if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and not craft.sees_mission:
             _complete(fleet, craft)
             return
+        auto_rtl.look(fleet, craft)
     if craft.mode != Mode.AUTO or craft.flown is None or _ahead(craft) == craft.ahead:
         return
     if craft.flown.command in _TOLD and craft.mission_state == MissionState.ACTIVE:
@@ -208,6 +216,7 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
                 _reached(fleet, craft, slot)
             elif first and craft.flown is slot:
                 _go_on(fleet, craft, first)
+            auto_rtl.look(fleet, craft)
             return
         if not first:
             first = place
@@ -228,15 +237,27 @@ def _go_on(fleet: Fleet, craft: Craft, first: int) -> None:
 
 def _begin(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
     """Start a navigation item, with a look at the two behind it; `False` where it is over at once."""
+    if slot.command in (LAND, TAKEOFF):
+        craft.in_landing = slot.command == LAND
     following = next_navigation(craft, craft.current + 1)
     then = None if following is None else next_navigation(craft, following + 1)
     after = None if following is None else craft.mission[following]
-    return flown_items.begin(fleet, craft, slot, after, None if then is None else craft.mission[then])
+    begun = flown_items.begin(fleet, craft, slot, after, None if then is None else craft.mission[then])
+    pausing.stay(fleet, craft)
+    return begun
+
+
+def go_on(fleet: Fleet, craft: Craft) -> None:
+    """The end of a pause: on to the item under way, along a leg from where it came to rest (ModeAuto::resume)."""
+    if craft.paused and craft.flown is not None:
+        craft.paused = False
+        _begin(fleet, craft, craft.flown)
 
 
 def _complete(fleet: Fleet, craft: Craft) -> None:
     """No item is left: hold in the air, disarm on the ground (ModeAuto::exit_mission)."""
     craft.mission_state = MissionState.COMPLETE
+    craft.in_landing = craft.paused = False
     craft.flown = None
     do_items.drop(fleet, craft)
     if fleet.landed(craft):

@@ -1,8 +1,9 @@
 """Where are a pilot's sticks? From microseconds per channel to what the loop reads, and what arming asks of them.
 
-After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. There is a
-receiver whose sticks nobody touches: roll, pitch and yaw in the middle, throttle at the bottom, switches off; channels
-run from 1000 to 2000 µs.
+After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Channels run from
+1000 to 2000 µs and are told at rest while nothing moves them: roll, pitch and yaw in the middle, throttle at the bottom,
+switches off. A throttle that nothing moves is none: it is at the bottom for STABILIZE, which reads it whatever it is
+(`get_pilot_desired_throttle`), and asks for no climb elsewhere (`has_valid_input`, RC_Channel_Copter.cpp).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ _RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US, *[MIN_US] * (CHANNELS - 4))
 _DEAD_US = (20, 20, 30, 20)
 """ArduCopter/radio.cpp `default_dead_zones`."""
 _THROTTLE = 2
+_HEIGHT_HELD = (Mode.ALT_HOLD, Mode.LOITER)
 
 
 def place(fleet: Fleet, craft: Craft) -> None:
@@ -30,11 +32,18 @@ def place(fleet: Fleet, craft: Craft) -> None:
     low = MIN_US + _DEAD_US[_THROTTLE]
     thousandths = 1000 * (min(max(values[_THROTTLE], MIN_US), MAX_US) - low) // (MAX_US - low)
     stick[3] = max(thousandths, 0) / 1000.0
+    if not _moves_throttle(craft) and craft.mode in _HEIGHT_HELD:
+        stick[3] = sticks.THROTTLE_MID  # no climb is asked for (Copter::get_pilot_desired_climb_rate)
+
+
+def _moves_throttle(craft: Craft) -> bool:
+    """Whether there is a throttle to hear: without one ArduCopter's `has_valid_input` is false."""
+    return _THROTTLE in craft.overrides
 
 
 def throttle(fleet: Fleet, craft: Craft) -> float:
-    """The throttle stick, 0…1."""
-    return float(fleet.flight["sticks"][craft.row, 3])
+    """The throttle stick, 0…1; at the bottom while nobody moves it."""
+    return float(fleet.flight["sticks"][craft.row, 3]) if _moves_throttle(craft) else 0.0
 
 
 def _norm(us: int, dead_us: int) -> float:
@@ -51,7 +60,7 @@ def too_high(fleet: Fleet, craft: Craft) -> bool:
     """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks): GUIDED and AUTO do not look at it."""
     if craft.mode in (Mode.GUIDED, Mode.AUTO):
         return False
-    return wants_climb(fleet, craft) or (craft.mode in MANUAL_THROTTLE and fleet.flight["sticks"][craft.row, 3] > 0.0)
+    return wants_climb(fleet, craft) or (craft.mode in MANUAL_THROTTLE and throttle(fleet, craft) > 0.0)
 
 
 def wants_climb(fleet: Fleet, craft: Craft) -> bool:
@@ -62,5 +71,7 @@ def wants_climb(fleet: Fleet, craft: Craft) -> bool:
 
 def thrust(fleet: Fleet, craft: Craft) -> float:
     """The thrust that the throttle stick would give in STABILIZE."""
+    if not _moves_throttle(craft):
+        return 0.0
     row = craft.row
     return float(sticks.throttle(fleet.flight[row], fleet.settings[row]))

@@ -10,7 +10,18 @@ from collections.abc import Callable
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import facing, fence, loop, navigator, position, returning, sticks_in, targets
+from skyrange.vehicle.builtin import (
+    auto_rtl,
+    facing,
+    fence,
+    landing_sequence,
+    loop,
+    navigator,
+    position,
+    returning,
+    sticks_in,
+    targets,
+)
 from skyrange.vehicle.builtin.arming import idle_end
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
@@ -32,7 +43,7 @@ def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
     if mode == Mode.AUTO:
         if not craft.sees_mission:
             return "init failed"
-        if fleet.landed(craft) and not navigator.starts_with_takeoff(craft):
+        if fleet.landed(craft) and not navigator.starts_with_takeoff(fleet, craft):
             fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto: Missing Takeoff Cmd")
             return "init failed"
     by_hand = mode in MANUAL_THROTTLE and craft.mode not in MANUAL_THROTTLE and fleet.landed(craft)
@@ -106,10 +117,12 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
 
     `reason` is ArduCopter's (AP_Vehicle/ModeReason.h), in lower case: what `event.mode` says.
     """
-    if number == craft.mode:
+    if number == craft.shown_mode:
         craft.mode_reason = reason
         return True
     mode = known(number)
+    if mode is Mode.AUTO_RTL:
+        return _join_landing(fleet, craft, reason, causes)
     if mode is None:
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"No such mode {number}", causes)
         return False
@@ -124,6 +137,8 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     craft.mode_causes = causes
     craft.mode_reason = reason
     craft.stage = Stage.NONE
+    craft.paused, craft.beneath = False, ()
+    sticks_in.place(fleet, craft)
     fleet.timer(craft, Timer.HOLD)
     fleet.timer(craft, Timer.STALE)
     fleet.note("event.mode", craft, {"mode": mode.name, "number": int(mode), "reason": str(reason)}, causes)
@@ -142,4 +157,36 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
             fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
     if mode == Mode.AUTO:
         navigator.start_or_resume(fleet, craft)
+    return True
+
+
+def _join_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
+    """AUTO_RTL was asked for (`return_path_or_jump_to_landing_sequence_auto_RTL`)."""
+    if landing_sequence.join(fleet, craft, causes):
+        return _land_by_mission(fleet, craft, reason, causes)
+    _no_landing(fleet, craft, "No return path or landing sequence found", causes)
+    return False
+
+
+def start_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
+    """DO_LAND_START was asked for: to the nearest, even from within a sequence (`jump_to_landing_sequence_auto_RTL`)."""
+    if landing_sequence.jump(fleet, craft, causes):
+        return _land_by_mission(fleet, craft, reason, causes)
+    _no_landing(fleet, craft, "No landing sequence found", causes)
+    return False
+
+
+def _no_landing(fleet: Fleet, craft: Craft, why: str, causes: Causes) -> None:
+    fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Mode change to AUTO RTL failed: {why}", causes)
+
+
+def _land_by_mission(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
+    """Fly the mission from its current item on, shown as AUTO_RTL (ModeAuto::enter_auto_rtl)."""
+    if craft.mode != Mode.AUTO:
+        craft.resumes = True
+        if not set_mode(fleet, craft, Mode.AUTO, reason, causes):
+            craft.resumes = False
+            return False
+    craft.mode_causes = causes
+    auto_rtl.begin(fleet, craft, reason)
     return True

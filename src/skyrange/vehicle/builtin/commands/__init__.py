@@ -35,6 +35,7 @@ HANDLERS: Final[dict[int, Handler]] = {
     mav.MAV_CMD_DO_FLIGHTTERMINATION: flying.terminate,
     mav.MAV_CMD_DO_SET_MISSION_CURRENT: flying.set_current,
     mav.MAV_CMD_DO_JUMP_TAG: flying.jump_tag,
+    mav.MAV_CMD_DO_LAND_START: flying.land_start,
     mav.MAV_CMD_DO_PAUSE_CONTINUE: flying.pause,
     mav.MAV_CMD_DO_MOTOR_TEST: flying.motor_test,
     mav.MAV_CMD_SET_MESSAGE_INTERVAL: telling.set_interval,

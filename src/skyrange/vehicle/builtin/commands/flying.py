@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin import do_items, facing, navigator, targets
+from skyrange.vehicle.builtin import do_items, facing, navigator, pausing, targets
 from skyrange.vehicle.builtin.arming import FORCE, FORCE_ARM, arm, disarm, take_off
 from skyrange.vehicle.builtin.commands.command import (
     ACCEPTED,
@@ -28,7 +28,7 @@ from skyrange.vehicle.builtin.commands.command import (
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer
 from skyrange.vehicle.builtin.home import announce
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.switching import set_mode
+from skyrange.vehicle.builtin.switching import set_mode, start_landing
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
 
 _SPEED_TYPES: Final = 4
@@ -198,17 +198,30 @@ def jump_tag(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -
     return DENIED if uint32(command.params[0]) > 0xFFFF else FAILED
 
 
+def land_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+    """DO_LAND_START: fly the mission from its nearest landing sequence on."""
+    return ACCEPTED if start_landing(fleet, craft, "gcs_command", command.causes) else FAILED
+
+
 def pause(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_PAUSE_CONTINUE: as in a mode that does not pause."""
+    """DO_PAUSE_CONTINUE: hold on the way to a place, or go on (`handle_command_pause_continue`)."""
     what = uint8(command.params[0])
     if what > 1:
         return DENIED
+    if what == 0 and pausing.pause(fleet, craft):
+        return ACCEPTED
+    if what == 1 and craft.mode in (Mode.AUTO, Mode.GUIDED):
+        if craft.mode == Mode.AUTO:
+            navigator.go_on(fleet, craft)
+        craft.paused = False
+        return ACCEPTED
     fleet.text(craft, mav.MAV_SEVERITY_INFO, "Failed to pause" if what == 0 else "Failed to resume", command.causes)
     return FAILED
 
 
 def motor_test(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_MOTOR_TEST: refused, in the air as ArduCopter does, on the ground because the radio was never calibrated."""
-    why = "RC not calibrated" if fleet.landed(craft) else "vehicle not landed"
-    fleet.text(craft, mav.MAV_SEVERITY_CRITICAL, f"Motor Test: {why}", command.causes)
+    """DO_MOTOR_TEST: refused in the air as ArduCopter does; on the ground there is none, as in a build without it."""
+    if fleet.landed(craft):
+        return UNSUPPORTED
+    fleet.text(craft, mav.MAV_SEVERITY_CRITICAL, "Motor Test: vehicle not landed", command.causes)
     return FAILED

@@ -69,9 +69,10 @@ def act(fleet: Fleet, craft: Craft, action: int, reason: str) -> None:
         land(fleet, craft, reason)
     elif action == Action.TERMINATE:
         disarm(fleet, craft, "failsafe_action_terminate", ())
-    elif action == Action.DO_LAND_START:
-        fleet.text(craft, _WARNING, "Trying RTL Mode")
-        _return(fleet, craft, reason)
+    elif action == Action.DO_LAND_START:  # set_mode_auto_do_land_start_or_RTL
+        if not set_mode(fleet, craft, Mode.AUTO_RTL, reason, ()):
+            fleet.text(craft, _WARNING, "Trying RTL Mode")
+            _return(fleet, craft, reason)
     elif action == Action.BRAKE_LAND and not set_mode(fleet, craft, Mode.BRAKE, reason, ()):
         fleet.text(craft, _WARNING, "Trying Land Mode")
         land(fleet, craft, reason)

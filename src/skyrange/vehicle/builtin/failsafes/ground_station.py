@@ -77,7 +77,7 @@ def lost(fleet: Fleet, craft: Craft) -> None:
     elif landing and option(fleet, craft, Option.CONTINUE_IF_LANDING):
         action = Action.LAND
         announce(fleet, craft, "GCS", "Continuing Landing")
-    elif craft.mode == Mode.AUTO and option(fleet, craft, Option.GCS_CONTINUE_IF_AUTO):
+    elif craft.shown_mode == Mode.AUTO and option(fleet, craft, Option.GCS_CONTINUE_IF_AUTO):
         action = Action.NONE
         announce(fleet, craft, "GCS", "Continuing Auto Mode")
     elif option(fleet, craft, Option.GCS_CONTINUE_IF_PILOT_CONTROL) and craft.mode not in mode_traits.AUTOPILOT:

@@ -264,4 +264,6 @@ def _mission(craft: Any) -> tuple[int, int, int, int]:
     state = craft.mission_state if craft.sees_mission else MissionState.NONE
     if craft.sees_mission and state == MissionState.NONE:
         state = MissionState.NOT_STARTED
+    if craft.paused and craft.mode == Mode.AUTO:  # GCS_MAVLINK_Copter::mission_state
+        state = MissionState.PAUSED
     return craft.current, max(len(craft.mission) - 1, 0), state, craft.mode

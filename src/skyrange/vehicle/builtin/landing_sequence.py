@@ -1,0 +1,60 @@
+"""Where does the landing sequence of a mission begin, and how does one get into it? DO_LAND_START.
+
+After libraries/AP_Mission/AP_Mission.cpp (`get_landing_sequence_start`, `jump_to_landing_sequence`,
+`jump_to_closest_mission_leg` as far as there is no DO_RETURN_PATH_START).
+"""
+
+from __future__ import annotations
+
+import math
+
+from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin import navigator, places, wpnav
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Slot
+from skyrange.vehicle.builtin.mission_kinds import LAND_START
+from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.sequence import next_navigation
+
+
+def nearest(fleet: Fleet, craft: Craft) -> int | None:
+    """The DO_LAND_START that is nearest to where the craft would come to rest, height counted; `None` of none.
+
+    One without a place stands where the navigation item behind it does.
+    """
+    here = wpnav.rest_at(fleet.estimate, fleet.flight, fleet.settings, craft.row)
+    found, least = None, math.inf
+    for seq, slot in enumerate(craft.mission):
+        if seq == 0 or slot.command != LAND_START:
+            continue
+        placed: Slot | None = slot
+        if slot.x == 0 and slot.y == 0 and slot.z == 0.0:
+            behind = next_navigation(craft, seq)
+            placed = None if behind is None else craft.mission[behind]
+        if placed is None:
+            continue
+        place = places.enu(fleet, craft, placed.frame, placed.x, placed.y, placed.z)
+        away = math.inf if place is None else math.dist(place, here)
+        if found is None or away < least:
+            found, least = seq, away
+    return found
+
+
+def jump(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+    """Make the nearest DO_LAND_START current; `False` and a text where there is none."""
+    seq = nearest(fleet, craft)
+    if seq is None or not navigator.set_current(fleet, craft, seq):
+        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Unable to start landing sequence", causes)
+        return False
+    if craft.mode == Mode.AUTO and craft.mission_state != MissionState.ACTIVE:  # it had ended
+        craft.resumes = True
+        navigator.start_or_resume(fleet, craft)
+    fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Landing sequence start", causes)
+    return True
+
+
+def join(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+    """The same, unless the mission flies its landing sequence already."""
+    if craft.mission_state == MissionState.ACTIVE and craft.in_landing:
+        fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Landing sequence active", causes)
+        return True
+    return jump(fleet, craft, causes)

@@ -1,0 +1,62 @@
+"""How is an aircraft held and let go again? MAV_CMD_DO_PAUSE_CONTINUE in AUTO and GUIDED.
+
+After ModeAuto::pause and ModeGuided::pause (ArduCopter/mode_auto.cpp, mode_guided.cpp `pause_control_run`). Both brake
+to zero velocity here, as GUIDED does there; ArduCopter's AUTO slows down along its leg, which is the same on a straight
+one. In GUIDED, what is asked for meanwhile counts once it goes on: the targets beneath the pause are put back before
+anything acts on the craft (`lift`), and set aside again after it (`settle`).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skyrange.vehicle.builtin import facing
+from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.layout import Control, Heading
+from skyrange.vehicle.builtin.mission_kinds import LAND, SPLINE, TIME, UNLIM, WAYPOINT
+from skyrange.vehicle.builtin.modes import Mode
+
+_LEGS: Final = frozenset((WAYPOINT, SPLINE, UNLIM, TIME, LAND))
+"""Items that are flown to in ModeAuto's sub-mode WP."""
+_BENEATH: Final = ("control", "target_vel", "target_acc", "heading", "target_yaw", "target_yaw_rate")
+"""What a pause overwrites."""
+
+
+def _on_leg(fleet: Fleet, craft: Craft) -> bool:
+    return craft.flown is not None and craft.flown.command in _LEGS and fleet.control(craft) == Control.LEG
+
+
+def pause(fleet: Fleet, craft: Craft) -> bool:
+    """Hold it; `False` where its mode cannot, or AUTO is not on its way to a place."""
+    if craft.mode == Mode.GUIDED:
+        craft.paused = True
+    elif craft.mode == Mode.AUTO and not craft.paused:
+        craft.paused = _on_leg(fleet, craft) and not fleet.legs["reached"][craft.row]
+        stay(fleet, craft)
+    return craft.paused
+
+
+def stay(fleet: Fleet, craft: Craft) -> None:
+    """A mission's item has started: paused, it does not set out, unless that item is none to be paused in."""
+    if craft.paused and craft.mode == Mode.AUTO:
+        craft.paused = _on_leg(fleet, craft)
+        if craft.paused:
+            fleet.fly(craft, Control.VELOCITY)
+
+
+def lift(fleet: Fleet, craft: Craft) -> None:
+    """Put back what is flown beneath a pause, for somebody to look at or to change."""
+    if fleet.armed(craft):
+        for name, value in craft.beneath:
+            fleet.flight[name][craft.row] = value
+    craft.beneath = ()
+
+
+def settle(fleet: Fleet, craft: Craft) -> None:
+    """Set it aside, and hold: at rest in the air, with idle motors on the ground."""
+    if not craft.paused or craft.mode != Mode.GUIDED or not fleet.armed(craft):
+        return
+    row = craft.row
+    craft.beneath = tuple((name, fleet.flight[name][row].copy()) for name in _BENEATH)
+    facing.set_kind(fleet, craft, Heading.HOLD)
+    fleet.fly(craft, Control.IDLE if fleet.landed(craft) else Control.VELOCITY)
