@@ -115,7 +115,9 @@ def test_a_mission_that_lands_already_is_not_moved_by_the_mode_but_by_the_comman
 def test_a_start_without_a_place_stands_where_the_next_item_does() -> None:
     r = hovering()
     nowhere = (RELATIVE, A.MAV_CMD_DO_LAND_START, (0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert r.upload(V, [takeoff(10), land_start(0, 60, 10), land(0, 60), nowhere, waypoint(0, 20, 10), land(0, 20)]) == 0
+    assert (
+        r.upload(V, [takeoff(10), land_start(0, 60, 10), land(0, 60), nowhere, waypoint(0, 20, 10), land(0, 20)]) == 0
+    )
     slot = r.engines[0]._fleet.crafts[0].mission[4]
     slot.x = slot.y = 0  # the harness writes places as degrees
     assert r.command(V, A.MAV_CMD_DO_LAND_START) == OK
@@ -149,6 +151,14 @@ def test_armed_on_the_ground_it_is_refused() -> None:
     assert r.mode(V, Mode.AUTO_RTL) == OK  # disarmed, any mode may be chosen
     assert r.arm(V) == FAILED
     assert "Arm: AUTO_RTL mode not armable" in r.words()
+
+
+def test_a_low_battery_lands_by_the_sequence() -> None:
+    r = ready(BATT_FS_LOW_ACT=6, BATT_LOW_MAH=1e6)
+    start = r.seconds
+    r.run(0.5)
+    assert modes(r, start) == [("AUTO", "battery_failsafe"), ("AUTO_RTL", "battery_failsafe")]
+    assert current(r) == 7
 
 
 def test_a_lost_ground_station_lands_by_the_sequence_and_does_not_continue_as_auto() -> None:

@@ -124,7 +124,12 @@ PARAMETERS: Final = tuple(
             Parameter("BATT_CRT_MAH", 0, 0, 200000, "critical charge left, mAh; 0 none"),
             Parameter("BATT_CRT_VOLT", 0, 0, 120, "critical voltage, V; 0 none"),
             Parameter(
-                "BATT_FS_CRT_ACT", 0, 0, 7, "on critical: 0 tell, 1 LAND, 2, 3, 6 RTL, 4 LAND, 5 disarm, 7 BRAKE", _INT8
+                "BATT_FS_CRT_ACT",
+                0,
+                0,
+                7,
+                "on critical: 0 tell, 1, 4 LAND, 2, 3 RTL, 5 off, 6 AUTO_RTL, 7 BRAKE",
+                _INT8,
             ),
             Parameter("BATT_FS_LOW_ACT", 0, 0, 7, "on low: the same", _INT8),
             Parameter(
@@ -154,7 +159,7 @@ PARAMETERS: Final = tuple(
             ),
             Parameter("FLIGHT_OPTIONS", 0, 0, 1, "bit 0: no thrust loss check", _INT32),
             Parameter("FS_CRASH_CHECK", 1, 0, 1, "disarm after a crash", _INT8),
-            Parameter("FS_DR_ENABLE", 2, 0, 7, "on dead reckoning: 0 tell, 1 LAND, 2, 3, 6 RTL, 4 LAND", _INT8),
+            Parameter("FS_DR_ENABLE", 2, 0, 7, "on dead reckoning: 0 tell, 1, 4 LAND, 2, 3 RTL, 6 AUTO_RTL", _INT8),
             Parameter("FS_DR_TIMEOUT", 30, 0, 120, "dead reckoning is a position for so long, s", _INT16),
             Parameter(
                 "FS_EKF_ACTION", 1, 0, 3, "on a bad estimate: 0 tell, 1 LAND, 2 ALT_HOLD, 3 LAND from any mode", _INT8
@@ -166,7 +171,7 @@ PARAMETERS: Final = tuple(
                 0,
                 0,
                 7,
-                "on a lost ground station: 0 nothing, 1, 2, 3, 6 RTL, 4, 5 LAND, 7 BRAKE",
+                "on a lost ground station: 0 nothing, 1, 2, 3 RTL, 4, 5 LAND, 6 AUTO_RTL, 7 BRAKE",
                 _INT8,
             ),
             Parameter("FS_GCS_TIMEOUT", 5, 2, 120, "heartbeats missing for so long, s"),

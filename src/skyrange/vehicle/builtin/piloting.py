@@ -1,4 +1,4 @@
-"""What does a pilot send? RC_CHANNELS_OVERRIDE and MANUAL_CONTROL, over a receiver whose sticks nobody touches.
+"""What does a pilot send? RC_CHANNELS_OVERRIDE and MANUAL_CONTROL, over sticks that rest.
 
 After libraries/RC_Channel (`get_radio_in` and the overrides) and GCS_Common.cpp (`handle_rc_channels_override`,
 `handle_manual_control`, `manual_override`).
@@ -51,7 +51,7 @@ def _override(fleet: Fleet, craft: Craft, channel: int, us: int) -> None:
 
 
 def on_timer(fleet: Fleet, craft: Craft) -> None:
-    """An override has not been repeated for RC_OVERRIDE_TIME: the receiver's stick counts again."""
+    """An override has not been repeated for RC_OVERRIDE_TIME: the stick rests again."""
     _apply(fleet, craft, ())
 
 
