@@ -154,8 +154,9 @@ def test_armed_on_the_ground_it_is_refused() -> None:
 
 
 def test_a_low_battery_lands_by_the_sequence() -> None:
-    r = ready(BATT_FS_LOW_ACT=6, BATT_LOW_MAH=1e6)
+    r = ready(BATT_FS_LOW_ACT=6)
     start = r.seconds
+    put(r, "BATT_LOW_MAH", 1e5)
     r.run(0.5)
     assert modes(r, start) == [("AUTO", "battery_failsafe"), ("AUTO_RTL", "battery_failsafe")]
     assert current(r) == 7

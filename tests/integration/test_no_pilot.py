@@ -1,7 +1,7 @@
 """A throttle that nobody moves: no climb in modes that hold a height, none at all in STABILIZE.
 
-ArduCopter/Attitude.cpp `get_pilot_desired_climb_rate` asks `has_valid_input`, mode.cpp `get_pilot_desired_throttle` does
-not.
+ArduCopter/Attitude.cpp `get_pilot_desired_climb_rate` asks `has_valid_input`, mode.cpp `get_pilot_desired_throttle`
+does not.
 """
 
 from __future__ import annotations

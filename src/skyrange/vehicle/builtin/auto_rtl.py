@@ -26,5 +26,9 @@ def look(fleet: Fleet, craft: Craft) -> None:
 
 def _note(fleet: Fleet, craft: Craft) -> None:
     mode = Mode(craft.shown_mode)
-    data = {"mode": mode.name, "number": int(mode), "reason": str(craft.mode_reason)}
-    fleet.note("event.mode", craft, data, craft.mode_causes)
+    fleet.note(
+        "event.mode",
+        craft,
+        {"mode": mode.name, "number": int(mode), "reason": str(craft.mode_reason)},
+        craft.mode_causes,
+    )

@@ -169,7 +169,7 @@ def _join_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bo
 
 
 def start_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
-    """DO_LAND_START was asked for: to the nearest, even from within a sequence (`jump_to_landing_sequence_auto_RTL`)."""
+    """DO_LAND_START was asked for: to the nearest in any case (ModeAuto::jump_to_landing_sequence_auto_RTL)."""
     if landing_sequence.jump(fleet, craft, causes):
         return _land_by_mission(fleet, craft, reason, causes)
     _no_landing(fleet, craft, "No landing sequence found", causes)
