@@ -1,9 +1,9 @@
 """Where are a pilot's sticks? From microseconds per channel to what the loop reads, and what arming asks of them.
 
-After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Channels run from
-1000 to 2000 µs and are told at rest while nothing moves them: roll, pitch and yaw in the middle, throttle at the
-bottom, switches off. A throttle that nothing moves is none: it is at the bottom for STABILIZE, which reads it whatever it is
-(`get_pilot_desired_throttle`), and asks for no climb elsewhere (`has_valid_input`, RC_Channel_Copter.cpp).
+After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Channels run
+from 1000 to 2000 µs and are told at rest while nothing moves them: roll, pitch and yaw in the middle, throttle at the
+bottom, switches off. A throttle that nothing moves is none: it is at the bottom for STABILIZE, which reads it whatever
+it is (`get_pilot_desired_throttle`), and asks for no climb elsewhere (`has_valid_input`, RC_Channel_Copter.cpp).
 """
 
 from __future__ import annotations
