@@ -32,12 +32,13 @@ def test_height_is_held_where_no_pilot_is_heard(mode: Mode) -> None:
 def test_a_throttle_that_is_heard_counts_until_it_runs_out() -> None:
     r = hovering()
     assert r.mode(V, Mode.LOITER) == OK
-    throttle(r, 0)
+    throttle(r, 250)  # a good metre per second downwards, of PILOT_SPEED_UP 2.5
     r.run(2.0)
-    assert r.positions()[0, 2] < 9.0  # PILOT_SPEED_DN
-    r.run(4.0)  # RC_OVERRIDE_TIME is 3 s
+    assert r.positions()[0, 2] < 9.0
+    r.run(3.0)  # RC_OVERRIDE_TIME is 3 s
     low = r.positions()[0, 2]
     r.run(3.0)
+    assert low > 5.0
     assert r.positions()[0, 2] == pytest.approx(low, abs=0.2)
 
 
