@@ -1,4 +1,4 @@
-"""Which valid commands, in which order, bring an aircraft down? None: a state machine sends any of them to two aircraft.
+"""Which valid commands, in which order, bring an aircraft down? None: a state machine sends any of them to two.
 
 What is drawn is what a sane ground station may send: any mode, mission, target, parameter or stick that does not itself
 ask for a crash (no target below the ground, no motors off in the air, no gain that cannot fly). Whatever the order, an
@@ -16,11 +16,12 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from skyrange.codec.mavlink import dialect as A
-from skyrange.vehicle.builtin.modes import PILOTED, Mode
+from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.spec import VehicleSpec
-from tests.integration.flight_harness import Item, Range, square, start, takeoff, waypoint
+from tests.integration.flight_harness import Item, Range, square, start, takeoff
 
+A = dialect
 NAMES = ("blue/b1", "blue/b2")
 HOMES = ((0.0, 0.0, 0.0), (1500.0, 0.0, 0.0))
 OK, BUSY, DENIED, FAILED = 0, 1, 2, 4
@@ -197,7 +198,10 @@ class Flight(RuleBasedStateMachine):
         for i, name in enumerate(NAMES):
             roll, pitch, yaw = self.lean[i] if self.aloft(i) else (0.0, 0.0, 0.0)
             lift = self.lift[i] if self.aloft(i) or self.lift[i] > 0.6 else 0.0
-            us = [round(1500 + 500 * part) for part in (roll, pitch)] + [round(1000 + 1000 * lift), round(1500 + 500 * yaw)]
+            us = [round(1500 + 500 * part) for part in (roll, pitch)] + [
+                round(1000 + 1000 * lift),
+                round(1500 + 500 * yaw),
+            ]
             system = self.fleet.crafts[i].system_id
             self.r.send(name, A.MAVLink_rc_channels_override_message(system, 1, *us, 65535, 65535, 65535, 65535))
 
@@ -285,7 +289,9 @@ class Flight(RuleBasedStateMachine):
         assert result == FAILED if flies and self.up_m(i) > 1.0 else result in (OK, FAILED)
         self.pass_time(wait)
 
-    @rule(i=which, mode=st.sampled_from([mode for mode in Mode if mode is not Mode.STABILIZE]), by_message=st.booleans())
+    @rule(
+        i=which, mode=st.sampled_from([mode for mode in Mode if mode is not Mode.STABILIZE]), by_message=st.booleans()
+    )
     def change_mode(self, i: int, mode: Mode, by_message: bool) -> None:
         """Any mode; STABILIZE has a rule of its own, since its throttle is the pilot's."""
         if by_message:
@@ -520,7 +526,11 @@ class Flight(RuleBasedStateMachine):
         r.run(0.02)
         assert [ack.type for ack in r.heard("MISSION_ACK", name)[acked:]] == [A.MAV_MISSION_ACCEPTED]
 
-    @rule(i=which, number=st.sampled_from([24, 30, 33, 74, 147, 193, 241]), period_us=st.sampled_from([-1, 0, 20000, 1000000]))
+    @rule(
+        i=which,
+        number=st.sampled_from([24, 30, 33, 74, 147, 193, 241]),
+        period_us=st.sampled_from([-1, 0, 20000, 1000000]),
+    )
     def ask_for_telemetry(self, i: int, number: int, period_us: int) -> None:
         """SET_MESSAGE_INTERVAL, and once at once."""
         assert self.ask(i, A.MAV_CMD_SET_MESSAGE_INTERVAL, number, period_us) == OK
@@ -545,7 +555,7 @@ class Flight(RuleBasedStateMachine):
         self.pass_time(time)
         self.silent = False
 
-    # --- what must hold -------------------------------------------------------------------------------------------------
+    # --- what must hold ----------------------------------------------------------------------------------------------
 
     def check(self) -> None:
         """Nobody has crashed, flipped, fallen, flown away or lost itself."""

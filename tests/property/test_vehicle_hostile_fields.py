@@ -10,21 +10,20 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
 from skyrange.codec.columns import dtype_of
-from skyrange.codec.mavlink import Packer
-from skyrange.codec.mavlink import dialect as A
+from skyrange.codec.mavlink import Packer, dialect
 from skyrange.vehicle.builtin.engine import _HANDLERS
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import ORIGIN, Item, Range, rtl, start, takeoff, waypoint
 
 V = "blue/b1"
+A = dialect
 NAN, INF, HUGE = math.nan, math.inf, 3.4e38
 OK, BUSY, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4
 REL, ABS, TERRAIN, LOCAL = 3, 0, 10, 1
@@ -302,9 +301,7 @@ MISSION: list[tuple[Any, list[tuple[str, int]]]] = [
 
 @pytest.mark.parametrize("where", ["hover", "auto"])
 @pytest.mark.parametrize(("message", "expected"), MISSION)
-def test_mission_protocol(
-    flights: dict[str, Range], message: Any, expected: list[tuple[str, int]], where: str
-) -> None:
+def test_mission_protocol(flights: dict[str, Range], message: Any, expected: list[tuple[str, int]], where: str) -> None:
     r = flights[where].copy()
     before = copy.deepcopy(r.engines[0]._fleet.crafts[0].mission)
     found = [m for m in answers(r, message) if m.get_type() in ("MISSION_ACK", "MISSION_COUNT", "MISSION_REQUEST")]
@@ -356,7 +353,9 @@ def test_a_transfer_that_stops_is_given_up(flights: dict[str, Range], where: str
 # --- targets, parameters, sticks, streams -----------------------------------------------------------------------------
 
 
-def local(x: float, y: float, z: float, v: tuple[float, ...], a: tuple[float, ...], yaw: float, rate: float, mask: int) -> Any:
+def local(
+    x: float, y: float, z: float, v: tuple[float, ...], a: tuple[float, ...], yaw: float, rate: float, mask: int
+) -> Any:
     return A.MAVLink_set_position_target_local_ned_message(0, 1, 1, LOCAL, mask, x, y, z, *v, *a, yaw, rate)
 
 
@@ -428,7 +427,9 @@ PARAMETERS: list[tuple[bytes, float, int, float | None]] = [
 @pytest.mark.parametrize(("name", "value", "kind", "told"), PARAMETERS)
 def test_parameters(flights: dict[str, Range], name: bytes, value: float, kind: int, told: float | None) -> None:
     r = flights["hover"].copy()
-    found = [m for m in answers(r, A.MAVLink_param_set_message(1, 1, name, value, kind)) if m.get_type() == "PARAM_VALUE"]
+    found = [
+        m for m in answers(r, A.MAVLink_param_set_message(1, 1, name, value, kind)) if m.get_type() == "PARAM_VALUE"
+    ]
     if name == b"WPNAV_ACCEL":
         told = 1e-40
     assert [m.param_value for m in found] == ([] if told is None else [pytest.approx(told, rel=1e-6, abs=1e-44)])
@@ -468,7 +469,7 @@ def test_what_has_no_answer_changes_no_flight(flights: dict[str, Range], message
     assert r.engines[0]._fleet.crafts[0].mode == mode
 
 
-# --- systems and components ---------------------------------------------------------------------------------------------
+# --- systems and components ------------------------------------------------------------------------------------------
 
 _ADDRESSED = sorted(
     number for number in (*_HANDLERS, 75, 76, 11, 66) if {"target_system", "target"} & set(dtype_of(number).names or ())
@@ -482,13 +483,13 @@ def test_what_is_for_others_is_ignored(flights: dict[str, Range], number: int) -
     kind = A.mavlink_map[number]
     state = copy.deepcopy(r.engines[0]._fleet.crafts[0])
     for system in (2, 42, 250, 255):
-        values = {name: 0 for name in kind.fieldnames}
+        values: dict[str, Any] = dict.fromkeys(kind.fieldnames, 0)
         values[next(name for name in kind.fieldnames if name in ("target_system", "target"))] = system
         for name, sort in zip(kind.fieldnames, kind.fieldtypes, strict=True):
             if sort == "char":
-                values[name] = b"RTL_ALT"  # type: ignore[assignment]
+                values[name] = b"RTL_ALT"
             if name == "q":
-                values[name] = [1.0, 0.0, 0.0, 0.0]  # type: ignore[assignment]
+                values[name] = [1.0, 0.0, 0.0, 0.0]
         if "command" in values:
             values["command"] = A.MAV_CMD_NAV_LAND
         assert answers(r, kind(**values)) == []
@@ -533,9 +534,6 @@ def test_no_place_beyond_the_fence_is_flown_to(flights: dict[str, Range]) -> Non
     assert r.mode(V, Mode.LOITER) == OK
     assert [m.result for m in answers(r, reposition)] == [FAILED]
     assert r.engines[0]._fleet.crafts[0].mode == Mode.LOITER
-
-
-Says = Callable[[Range], list[Any]]
 
 
 def test_overrides_count_as_heartbeats(flights: dict[str, Range]) -> None:

@@ -55,7 +55,7 @@ def warn(fleet: Fleet, craft: Craft, message: Any, kind: int) -> None:
 
 
 def obey(fleet: Fleet, craft: Craft, message: Any, causes: Causes) -> int:
-    """Do what an item with one of the `MARKS` orders; the MAV_MISSION_RESULT. ArduCopter takes heights and does nothing."""
+    """Do what an item with one of the `MARKS` orders; the MAV_MISSION_RESULT. Heights are taken and nothing done."""
     result, slot = slot_of(message, causes)
     if slot is None or message.current == _ALTITUDE:
         return result
