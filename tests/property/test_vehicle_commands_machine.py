@@ -79,11 +79,11 @@ def _params(*drawn: st.SearchStrategy[float]) -> st.SearchStrategy[tuple[float, 
 
 def _there(command: int, *drawn: st.SearchStrategy[float]) -> st.SearchStrategy[Item]:
     frames = st.sampled_from([RELATIVE, TERRAIN, ABSOLUTE])
-    return st.tuples(frames, st.just(command), _params(*drawn), st.tuples(across, across, height))  # type: ignore[arg-type]
+    return st.tuples(frames, st.just(command), _params(*drawn), st.tuples(across, across, height))
 
 
 def _plain(command: int, *drawn: st.SearchStrategy[float]) -> st.SearchStrategy[Item]:
-    return st.tuples(st.just(MISSION), st.just(command), _params(*drawn), st.just((0.0, 0.0, 0.0)))  # type: ignore[arg-type]
+    return st.tuples(st.just(MISSION), st.just(command), _params(*drawn), st.just((0.0, 0.0, 0.0)))
 
 
 _zero = st.just(0.0)

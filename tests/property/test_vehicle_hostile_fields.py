@@ -63,7 +63,7 @@ def flies_on(r: Range, seconds: float = 2.0) -> None:
     assert r.positions()[0, 2] > 1.0
     assert abs(r.velocities()[0]).max() < 15.0
     for table in (fleet.estimate, fleet.flight, fleet.settings, fleet.legs):
-        for name in table.dtype.names:
+        for name in table.dtype.names or ():
             if table[name].dtype.names is None:
                 assert np.isfinite(table[name]).all(), name
     truth = r.world.truth()
