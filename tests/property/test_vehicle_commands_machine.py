@@ -568,7 +568,7 @@ class Flight(RuleBasedStateMachine):
         r.notes.clear()
         truth, flight, estimate = r.world.truth(), fleet.flight, fleet.estimate
         assert all(np.isfinite(column).all() for column in truth.values())
-        for table in (estimate, flight, fleet.settings, fleet.legs, fleet.gains):
+        for table in (estimate, flight, fleet.settings, fleet.legs):
             for name in table.dtype.names:
                 if table[name].dtype.names is None:
                     assert np.isfinite(table[name]).all(), name
