@@ -18,12 +18,15 @@ from skyrange.vehicle.builtin.shaping import clamp, sqrt_controller
 _TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
 _TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
 _TILT_FAR2 = math.sin(_TILT_ERROR_RAD) ** 2
+_TINY = 1e-3  # squared sine up to which three terms of a series are exact to 1e-9
 _YAW_HEADROOM = 0.2  # MOT_YAW_HEADROOM's 200 of 1000
 
 
 @kernel
 def _double_arcsine(s2: float) -> float:
     """2·asin(s)/s by its series, exact to 1e-9 for squares up to 0.04."""
+    if s2 < _TINY:
+        return 2.0 + s2 * (1.0 / 3.0 + s2 * (3.0 / 20.0))
     return 2.0 + s2 * (
         1.0 / 3.0 + s2 * (3.0 / 20.0 + s2 * (15.0 / 168.0 + s2 * (105.0 / 1728.0 + s2 * 945.0 / 21120.0)))
     )
@@ -64,7 +67,10 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
     Small tilts and turns by series that are exact to 1e-9: asin(s)/(s·√(1-s²)) and 1/√(1-s²).
     """
     s2 = x * x + y * y
-    if s2 < 0.04:
+    if s2 < _TINY:
+        ratio = 2.0 + s2 * (4.0 / 3.0 + s2 * (16.0 / 15.0))
+        scale = 1.0 + s2 * (0.5 + s2 * 0.375)
+    elif s2 < 0.04:
         ratio = 256.0 / 315.0 + s2 * (512.0 / 693.0 + s2 * 2048.0 / 3003.0)
         ratio = 2.0 + s2 * (4.0 / 3.0 + s2 * (16.0 / 15.0 + s2 * (32.0 / 35.0 + s2 * ratio)))
         scale = 1.0 + s2 * (0.5 + s2 * (0.375 + s2 * (0.3125 + s2 * (35.0 / 128.0 + s2 * (63.0 / 256.0)))))

@@ -37,6 +37,7 @@ def reboot(fleet: Fleet, schedule: Schedule, craft: Craft, causes: Causes) -> No
     sticks_in.place(fleet, craft)
     craft.mode_causes = causes
     craft.uploads = [Upload() for _ in craft.uploads]
+    craft.warned.clear()
     craft.mission_state = MissionState.NOT_STARTED if craft.sees_mission else MissionState.NONE
     craft.params_next = len(PARAMETERS)
     fleet.take_home(craft, fleet.position(craft))

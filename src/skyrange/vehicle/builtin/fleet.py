@@ -131,6 +131,8 @@ class Craft:
     rally: list[Slot] = field(default_factory=list)
     uploads: list[Upload] = field(default_factory=lambda: [Upload(), Upload(), Upload()])
     """By MAV_MISSION_TYPE: missions, fences and rally points are transferred apart."""
+    warned: set[tuple[int, int]] = field(default_factory=set)
+    """(MAV_MISSION_TYPE, message id) of the old messages that were warned about since the last upload began."""
     mission_state: int = MissionState.NONE
     current: int = 0
     """Sequence number of the navigation item under way, 0 for none."""

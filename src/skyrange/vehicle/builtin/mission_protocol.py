@@ -12,7 +12,7 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.vehicle.builtin import navigator
+from skyrange.vehicle.builtin import navigator, old_items
 from skyrange.vehicle.builtin.fence_items import FENCE
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
@@ -145,6 +145,7 @@ def _request(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
 def _open(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, span: tuple[int, int], whole: bool) -> None:
     """Start to ask for the items of a span, first and last."""
     upload = Upload(True, span[0], span[1], partner, fleet.now)
+    craft.warned -= {(kind.number, old) for old in old_items.WARNINGS}
     craft.uploads[kind.number] = upload
     kind.begin(craft, upload, span[1] + 1 if whole else None)
     _request(fleet, craft, kind)
@@ -178,16 +179,23 @@ def on_write_partial(fleet: Fleet, craft: Craft, message: Any, partner: Partner,
 
 
 def on_item(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
-    """MISSION_ITEM_INT or MISSION_ITEM: the item asked for, or a guided waypoint of the old kind (not supported)."""
+    """MISSION_ITEM_INT or MISSION_ITEM: the item asked for, or a guided target of the old kind."""
+    old = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM
+    bad = old_items.bad_place(message) if old else None
+    if bad is not None:  # it cannot be turned into a MISSION_ITEM_INT: an upload goes on without it
+        _ack(fleet, craft, partner, bad, message.mission_type)
+        return
+    if message.mission_type == dialect.MAV_MISSION_TYPE_MISSION and message.current in old_items.MARKS:
+        _ack(fleet, craft, partner, old_items.obey(fleet, craft, message, causes), message.mission_type)
+        return
     kind = _kind(fleet, craft, message, partner)
     if kind is None:
         return
+    if old:
+        old_items.warn(fleet, craft, message, kind.number)
     upload = craft.uploads[kind.number]
     if not upload.active:
-        if message.current in (2, 3):  # the old way to send a guided target: SET_POSITION_TARGET_… is the new
-            _ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED, kind.number)
-        else:
-            _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
+        _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
         return
     if message.seq != upload.next:
         _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
@@ -237,15 +245,18 @@ def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, cause
             fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, count, kind.number))
         _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
         return
+    if not whole:
+        old_items.warn(fleet, craft, message, kind.number)
     fleet.send(craft, item)
 
 
 def on_clear_all(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
     """MISSION_CLEAR_ALL: no items of one kind; MAV_MISSION_TYPE_ALL is refused, as ArduPilot refuses it."""
     kind = _kind(fleet, craft, message, partner)
-    if kind is None or not _cancel(fleet, craft, partner, kind):
+    if kind is None:
         return
-    result = ACCEPTED if kind.clear(fleet, craft, causes) else dialect.MAV_MISSION_ERROR
+    mine = _cancel(fleet, craft, partner, kind)  # another's upload is denied, and is an error then
+    result = ACCEPTED if mine and kind.clear(fleet, craft, causes) else dialect.MAV_MISSION_ERROR
     _ack(fleet, craft, partner, result, kind.number, causes)
 
 

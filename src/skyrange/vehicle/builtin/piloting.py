@@ -10,6 +10,7 @@ from typing import Any
 
 from skyrange.core.time import NEVER, from_seconds
 from skyrange.vehicle.builtin import navigator, sticks_in
+from skyrange.vehicle.builtin.failsafes import ground_station
 from skyrange.vehicle.builtin.fleet import CHANNELS, Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.sticks_in import MAX_US, MIN_US
 
@@ -29,7 +30,7 @@ def on_override(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
 
 def on_manual_control(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
     """MANUAL_CONTROL: x forward, y right and r -1000…1000, z 0…1000; no thrust downwards. 32767 gives an axis back."""
-    if not _may(fleet, craft, partner) or message.z < 0:
+    if message.target != craft.system_id or not _may(fleet, craft, partner) or message.z < 0:
         return
     axes = ((message.y, 1000, 2000), (-message.x, 1000, 2000), (message.z, 0, 1000), (message.r, 1000, 2000))
     for channel, (value, offset, scale) in enumerate(axes):
@@ -39,8 +40,14 @@ def on_manual_control(fleet: Fleet, craft: Craft, message: Any, partner: tuple[i
 
 
 def _may(fleet: Fleet, craft: Craft, partner: tuple[int, int]) -> bool:
-    """Whether overrides count, from this sender: only the pilot's own ground station flies by stick."""
-    return partner[0] == int(fleet.param(craft, "SYSID_MYGCS")) and fleet.param(craft, "RC_OVERRIDE_TIME") != 0.0
+    """Whether overrides count, from this sender: only the pilot's own ground station flies by stick.
+
+    To the failsafe they are heartbeats.
+    """
+    if partner[0] != int(fleet.param(craft, "SYSID_MYGCS")):
+        return False
+    ground_station.seen(fleet, craft)
+    return fleet.param(craft, "RC_OVERRIDE_TIME") != 0.0
 
 
 def _override(fleet: Fleet, craft: Craft, channel: int, us: int) -> None:

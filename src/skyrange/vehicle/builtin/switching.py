@@ -189,4 +189,5 @@ def _land_by_mission(fleet: Fleet, craft: Craft, reason: str, causes: Causes) ->
             return False
     craft.mode_causes = causes
     auto_rtl.begin(fleet, craft, reason)
+    auto_rtl.look(fleet, craft)
     return True

@@ -12,7 +12,7 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import facing, loop, places, wpnav
+from skyrange.vehicle.builtin import facing, fence, loop, places, wpnav
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Timer
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
@@ -118,8 +118,8 @@ def _act(
     if not good or forced or alone or (position is None and velocity is None and accel is None):
         stop(fleet, craft, causes)
         return
-    if not fleet.armed(craft) or fleet.landed(craft):
-        return
+    if not fleet.armed(craft) or fleet.landed(craft) or not (position is None or fence.allows(fleet, craft, position)):
+        return  # a place beyond the fence changes nothing
     craft.target_causes = causes
     if position is not None and velocity is not None:
         _begin(fleet, craft, Control.TRACK)
@@ -145,6 +145,18 @@ def _begin(fleet: Fleet, craft: Craft, control: Control) -> None:
         loop.hold(fleet.estimate, fleet.flight, craft.row)
         fleet.limits(craft)
         facing.default(fleet, craft)
+
+
+def order(fleet: Fleet, craft: Craft, position: Vector, causes: Causes) -> bool:
+    """A place that a command names, in GUIDED: fly there; `False` beyond the fence (ModeGuided::set_destination)."""
+    if not fence.allows(fleet, craft, position):
+        return False
+    craft.target_causes = causes
+    if fleet.armed(craft) and not fleet.landed(craft):
+        fleet.timer(craft, Timer.STALE)
+        go_to(fleet, craft, position)
+        facing.default(fleet, craft)
+    return True
 
 
 def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:

@@ -137,10 +137,11 @@ def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved
             leave = (w.goal[0] - w.origin[0], w.goal[1] - w.origin[1], w.goal[2] - w.origin[2])
     for axis in range(3):
         w.origin[axis] = w.goal[axis]
+    # numbers, not arrays: numba cannot make one type of a record's field and an array of its own
+    x, y, z = goal[0], goal[1], goal[2]
     if after_curved:
-        arrive = (after[0] - w.origin[0], after[1] - w.origin[1], after[2] - w.origin[2])
-    else:
-        arrive = (after[0] - goal[0], after[1] - goal[1], after[2] - goal[2])
+        x, y, z = w.origin[0], w.origin[1], w.origin[2]
+    arrive = (after[0] - x, after[1] - y, after[2] - z)
     spline.lay(
         w.spline, f, w.origin[0], w.origin[1], w.origin[2], goal[0], goal[1], goal[2],
         leave[0], leave[1], leave[2], arrive[0], arrive[1], arrive[2],
@@ -159,13 +160,12 @@ def then_curve(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> Non
         leave = (w.spline.leave[0], w.spline.leave[1], w.spline.leave[2])
     else:
         leave = (w.goal[0] - w.origin[0], w.goal[1] - w.origin[1], w.goal[2] - w.origin[2])
+    x, y, z = goal[0], goal[1], goal[2]
     if after_curved:
-        arrive = (after[0] - w.goal[0], after[1] - w.goal[1], after[2] - w.goal[2])
-    else:
-        arrive = (after[0] - goal[0], after[1] - goal[1], after[2] - goal[2])
+        x, y, z = w.goal[0], w.goal[1], w.goal[2]
     spline.lay(
         w.spline_next, f, w.goal[0], w.goal[1], w.goal[2], goal[0], goal[1], goal[2],
-        leave[0], leave[1], leave[2], arrive[0], arrive[1], arrive[2],
+        leave[0], leave[1], leave[2], after[0] - x, after[1] - y, after[2] - z,
     )  # fmt: skip
     w.next_curved = 1
     w.fast = 1

@@ -10,7 +10,7 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin import do_items, facing, navigator, pausing, targets
+from skyrange.vehicle.builtin import do_items, facing, fence, navigator, pausing, targets
 from skyrange.vehicle.builtin.arming import FORCE, FORCE_ARM, arm, disarm, take_off
 from skyrange.vehicle.builtin.commands.command import (
     ACCEPTED,
@@ -25,7 +25,7 @@ from skyrange.vehicle.builtin.commands.command import (
     uint8,
     uint32,
 )  # fmt: skip
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer
+from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState
 from skyrange.vehicle.builtin.home import announce
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.switching import set_mode, start_landing
@@ -158,14 +158,11 @@ def reposition(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command)
     goal = place(fleet, craft, command)
     if goal is None or (command.z == 0.0 and is_relative(command)):
         return DENIED
+    if not fence.allows(fleet, craft, goal):
+        return FAILED  # before the mode is changed for it
     if craft.mode != Mode.GUIDED and not set_mode(fleet, craft, Mode.GUIDED, "gcs_command", command.causes):
         return FAILED
-    craft.target_causes = command.causes
-    if fleet.armed(craft) and not fleet.landed(craft):
-        fleet.timer(craft, Timer.STALE)
-        targets.go_to(fleet, craft, goal)
-        facing.default(fleet, craft)
-    return ACCEPTED
+    return ACCEPTED if targets.order(fleet, craft, goal, command.causes) else FAILED
 
 
 def terminate(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
