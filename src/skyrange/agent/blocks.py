@@ -30,11 +30,12 @@ class LaneName(NamedTuple):
 class Lanes:
     """The lanes of one kernel by number, in order of their names; never altered, so copies share it."""
 
-    __slots__ = ("names", "places", "ports")
+    __slots__ = ("names", "numbers", "places", "ports")
 
     def __init__(self, names: Sequence[LaneName], places: Ints) -> None:
         """`places` (n,): where the lane's receiving port stands among its owner's `ports`, -1 without an owner."""
         self.names = names
+        self.numbers = {(name.link, name.direction, name.src): number for number, name in enumerate(names)}
         self.ports = [Port(name.dst, name.link) for name in names]
         self.places = places
 

@@ -143,7 +143,15 @@ class Inbox(Sequence[Arrival]):
             serial = np.concatenate([block.serial for block in self._blocks])
             at = np.repeat([block.arrived_ns for block in self._blocks], [len(block) for block in self._blocks])
             return np.lexsort((serial, lane, at))
-        keys = [_key(arrival) for arrival in self._singles]
+        lanes = self._blocks[0].lanes
+        numbers = [lanes.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
+        if min(numbers) >= 0 and all(block.lanes is lanes for block in self._blocks):
+            rows = np.array([(arrival.ref.serial, arrival.at) for arrival in self._singles], dtype=np.int64)
+            lane = np.concatenate([numbers, *(block.lane for block in self._blocks)])
+            serial = np.concatenate([rows[:, 0], *(block.serial for block in self._blocks)])
+            at = np.concatenate([rows[:, 1], *(np.full(len(block), block.arrived_ns) for block in self._blocks)])
+            return np.lexsort((serial, lane, at))
+        keys = [_key(arrival) for arrival in self._singles]  # a tap's frames among them: it has no lane
         for block in self._blocks:
             for row in range(len(block)):
                 id_ = block.id(row)

@@ -15,6 +15,7 @@ from skyrange.core.errors import ComponentError, InputError, ShortfallError, Sky
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import Recorder
+from skyrange.runtime.collector import at_ease
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.pace import Pace
@@ -79,7 +80,8 @@ class Run:
         """Run every instant up to `until_s` simulated seconds, as fast as it goes."""
         began = time.perf_counter()
         try:
-            self.kernel.advance(from_seconds(until_s))
+            with at_ease():
+                self.kernel.advance(from_seconds(until_s))
         finally:
             self._wall_s += time.perf_counter() - began
 
@@ -99,7 +101,7 @@ class Run:
         """
         pace = Pace(speed)
         end = self.rig.duration_ns
-        with Interruptible() as interrupt:
+        with Interruptible() as interrupt, at_ease():
             began = time.perf_counter()
             try:
                 while self.kernel.now < end and not interrupt.requested:
