@@ -31,6 +31,7 @@ def test_a_row_says_what_flew() -> None:
     assert row["vehicles"] == row["flying"] == 3
     assert row["real_time_factor"] * row["wall_s"] == pytest.approx(4.0, rel=0.05)  # both are rounded
     assert row["cpu_s"] > 0.0
+    assert row["yardsticks"] * row["yardstick_us"] == pytest.approx(row["cpu_s"] / 4.0 / 3 * 1e6, rel=0.05)
     assert row["memory_mb"] > row["base_memory_mb"] > 0.0
     # eight telemetry frames over three hops, and those for the broadcast over one more
     assert 3 * 8 * 3 <= row["frames_per_s"] <= 3 * 8 * 4 * 1.5

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.bench.sampling import PARTS, Sampler
+from skyrange.bench.yardstick import yardstick_us
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import to_seconds
 from skyrange.record import load
@@ -65,7 +66,8 @@ def measure(vehicles: int, seconds: float, load: str = "light") -> dict[str, Any
     """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
 
     `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` the process's
-    CPU time for that (user and system); `memory_mb` its peak resident set, of which `base_memory_mb`
+    CPU time for that (user and system); `yardstick_us` what `yardstick` takes right after, and `yardsticks` what an
+    aircraft-second costs in that currency; `memory_mb` its peak resident set, of which `base_memory_mb`
     was there before the fleet; `setup_s` and `finalise_s` are wall seconds before and after, not in the
     factor; `flying` how many were armed and on their mission all through; `frames_per_s` frames per
     simulated second over all hops; `disk_mb` the finished run folder; `share` the share of CPU time per part.
@@ -97,6 +99,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str) -
             run.advance(WARM_UP_S + seconds)
             wall_s = time.perf_counter() - wall
             cpu_s = time.process_time() - cpu
+        yard_us = yardstick_us()
         began = time.perf_counter()
         run.finish()
         finalise_s = time.perf_counter() - began
@@ -107,6 +110,8 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str) -
             "load": telemetry,
             "real_time_factor": round(seconds / wall_s, 3),
             "cpu_s": round(cpu_s, 3),
+            "yardstick_us": round(yard_us, 2),
+            "yardsticks": round(cpu_s / seconds / vehicles * 1e6 / yard_us, 1),
             "memory_mb": round(peak_memory_mb(), 1),
             "base_memory_mb": round(base_mb, 1),
             "wall_s": round(wall_s, 3),
