@@ -39,14 +39,14 @@ class Rows:
 
 def mixed(throttle: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Thrust shares of front right, rear left, front left, rear right: commands put through the thrust curve."""
-    table, out = zeros(GAINS, 1), np.zeros((1, 4))
+    table = zeros(GAINS, 1)
     settings = np.zeros(1, SETTINGS)
     fill(settings, 0, "v", IRIS, 1, {})
     gains.mixing(table, 0, IRIS)
     gains.tune(table[0], settings[0], DT)
-    attitude.mix(table[0], out, 0, throttle, throttle, roll, pitch, yaw)
+    out = np.array(attitude.mix(table[0], throttle, throttle, roll, pitch, yaw)[1:])
     expo = IRIS.thrust_expo
-    share: np.ndarray = (1 - expo) * out[0] + expo * out[0] ** 2
+    share: np.ndarray = (1 - expo) * out + expo * out**2
     return share
 
 

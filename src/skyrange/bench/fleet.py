@@ -26,7 +26,7 @@ WARM_UP_S = 30.0
 SPEED_MPS = 5.0
 SIDE_M = 80.0
 APART_M = 40.0
-PER_OPERATOR = 250
+PER_OPERATOR = 1000
 
 
 def fleet_scenario(vehicles: int, seconds: float, load: str = "light") -> Scenario:

@@ -11,7 +11,7 @@ import signal
 from collections import Counter
 from types import FrameType, TracebackType
 
-INTERVAL_S = 0.002
+INTERVAL_S = 0.005
 
 PARTS = ("physics", "control", "MAVLink", "ground stations", "kernel", "recording", "other")
 

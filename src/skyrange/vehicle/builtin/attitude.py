@@ -328,64 +328,41 @@ def _fit(throttle: float, average: float, low: float, high: float) -> tuple[floa
 
 
 @kernel
-def _mix4(g: Any, out: Any, i: int, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
-    """`mix` of four motors, in registers."""
-    best = min(0.5, average)
-    span = 0.5 * (abs(roll) + abs(pitch) + abs(yaw))
-    if span <= min(best, throttle) and throttle + span < 1.0:  # far from every limit: nothing has to give way
-        for m in range(4):
-            out[i, m] = _command(g, throttle + roll * g.roll[m] + pitch * g.pitch[m] + yaw * g.yaw[m])
-        return False
-    a = roll * g.roll[0] + pitch * g.pitch[0]
-    b = roll * g.roll[1] + pitch * g.pitch[1]
-    c = roll * g.roll[2] + pitch * g.pitch[2]
-    d = roll * g.roll[3] + pitch * g.pitch[3]
-    allowed = min(_yaw_room(a, g.yaw[0], best, yaw), _yaw_room(b, g.yaw[1], best, yaw))
-    allowed = min(allowed, min(_yaw_room(c, g.yaw[2], best, yaw), _yaw_room(d, g.yaw[3], best, yaw)))
-    allowed = max(min(allowed, 1.0), _YAW_HEADROOM)
-    yaw = clamp(yaw, -allowed, allowed)
-    a += yaw * g.yaw[0]
-    b += yaw * g.yaw[1]
-    c += yaw * g.yaw[2]
-    d += yaw * g.yaw[3]
-    base, scale, full = _fit(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
-    out[i, 0] = _command(g, base + scale * a)
-    out[i, 1] = _command(g, base + scale * b)
-    out[i, 2] = _command(g, base + scale * c)
-    out[i, 3] = _command(g, base + scale * d)
-    return full
-
-
-@kernel
-def mix(g: Any, out: Any, i: int, throttle: float, average: float, roll: float, pitch: float, yaw: float) -> bool:
-    """Commands of all motors for a thrust 0…1 and three efforts; whether thrust had to give way.
+def mix(
+    g: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float
+) -> tuple[bool, float, float, float, float]:
+    """Whether thrust had to give way, and the commands of four motors for a thrust 0…1 and three efforts.
 
     Roll and pitch come first, then some yaw, then thrust, which may be raised to `average` for their sake. Positive
     roll lowers the right side, positive pitch lowers the nose, positive yaw turns left.
     """
     throttle = clamp(throttle, 0.0, 1.0)
     average = clamp(average, throttle, 1.0)
-    if g.motors == 4:
-        full = _mix4(g, out, i, throttle, average, roll, pitch, yaw)
-    else:
-        best = min(0.5, average)
-        allowed = 1.0
-        for m in range(g.motors):
-            part = roll * g.roll[m] + pitch * g.pitch[m]
-            out[i, m] = part
-            allowed = min(allowed, _yaw_room(part, g.yaw[m], best, yaw))
-        allowed = max(allowed, _YAW_HEADROOM)
+    a = roll * g.roll[0] + pitch * g.pitch[0]
+    b = roll * g.roll[1] + pitch * g.pitch[1]
+    c = roll * g.roll[2] + pitch * g.pitch[2]
+    d = roll * g.roll[3] + pitch * g.pitch[3]
+    best = min(0.5, average)
+    span = 0.5 * (abs(roll) + abs(pitch) + abs(yaw))
+    base = throttle
+    scale = 1.0
+    full = False
+    near = span > min(best, throttle) or throttle + span >= 1.0  # else far from every limit: nothing has to give way
+    if near:
+        allowed = min(_yaw_room(a, g.yaw[0], best, yaw), _yaw_room(b, g.yaw[1], best, yaw))
+        allowed = min(allowed, min(_yaw_room(c, g.yaw[2], best, yaw), _yaw_room(d, g.yaw[3], best, yaw)))
+        allowed = max(min(allowed, 1.0), _YAW_HEADROOM)
         yaw = clamp(yaw, -allowed, allowed)
-        low = 1.0
-        high = -1.0
-        for m in range(g.motors):
-            part = out[i, m] + yaw * g.yaw[m]
-            out[i, m] = part
-            low = min(low, part)
-            high = max(high, part)
-        base, scale, full = _fit(throttle, average, low, high)
-        for m in range(g.motors):
-            out[i, m] = _command(g, base + scale * out[i, m])
-    for m in range(g.motors, out.shape[1]):
-        out[i, m] = 0.0
-    return full
+    a += yaw * g.yaw[0]
+    b += yaw * g.yaw[1]
+    c += yaw * g.yaw[2]
+    d += yaw * g.yaw[3]
+    if near:
+        base, scale, full = _fit(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
+    return (
+        full,
+        _command(g, base + scale * a),
+        _command(g, base + scale * b),
+        _command(g, base + scale * c),
+        _command(g, base + scale * d),
+    )

@@ -113,8 +113,11 @@ def relax(f: Any) -> None:
 
 
 @kernel
-def turn_motors(e: Any, f: Any, g: Any, out: Any, i: int, coming_down: bool, rates_only: bool) -> None:
-    """Hold the attitude target, or (`rates_only`) its rates, at `throttle`: writes the motors' commands."""
+def turn_motors(e: Any, f: Any, g: Any, coming_down: bool, rates_only: bool) -> tuple[float, float, float, float]:
+    """Hold the attitude target, or (`rates_only`) its rates, at `throttle`: the motors' commands.
+
+    They come back as numbers, because a kernel that is given an array counts a reference to it, which takes as long.
+    """
     if rates_only:
         roll_rate = f.att_rate[0]
         pitch_rate = f.att_rate[1]
@@ -126,4 +129,6 @@ def turn_motors(e: Any, f: Any, g: Any, out: Any, i: int, coming_down: bool, rat
     thrust = f.throttle * boost
     share_of_mix = _MIX_MIN if coming_down else _MIX_MAX
     average = max(thrust, f.throttle * (1.0 - share_of_mix) + g.hover * share_of_mix)
-    f.throttle_full = 1 if mix(g, out, i, thrust, average, roll, pitch, yaw) else 0
+    full, a, b, c, d = mix(g, thrust, average, roll, pitch, yaw)
+    f.throttle_full = 1 if full else 0
+    return a, b, c, d

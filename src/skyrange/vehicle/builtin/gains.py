@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.layout import MOTORS_MAX, Records
+from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.shaping import clamp
 from skyrange.world.airframes import Airframe
 
@@ -103,15 +103,14 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
 def mixing(gains: Records, row: int, airframe: Airframe) -> None:
     """Write a row of the mixer's table, as AP_MotorsMatrix does: half for the motors farthest out, both ways.
 
-    A quad's motors all count the same, however its arms stand (QUAD X); others by their arms.
+    All four count the same, however the arms stand (QUAD X).
     """
     rotors = airframe.rotors
-    gains["motors"][row] = len(rotors)
     for name in ("roll", "pitch", "yaw"):
         gains[name][row] = 0.0
     far_left = max(abs(rotor.left_m) for rotor in rotors)
     far_forward = max(abs(rotor.forward_m) for rotor in rotors)
-    for motor, rotor in enumerate(rotors[:MOTORS_MAX]):
+    for motor, rotor in enumerate(rotors):
         left, back = rotor.left_m / far_left, -rotor.forward_m / far_forward
         if len(rotors) == 4:
             left, back = math.copysign(1.0, left), math.copysign(1.0, back)

@@ -14,10 +14,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.world.airframes import MOTORS
+
 Records = NDArray[Any]
 """A structured array, one record per aircraft."""
-MOTORS_MAX: Final = 8
-"""Motors that the mixer's table has room for."""
 
 ESTIMATE: Final = np.dtype(
     [
@@ -226,10 +226,9 @@ GAINS: Final = np.dtype(
         ("expo_b", "f8"),
         ("expo_c", "f8"),
         ("expo", "f8"),
-        ("motors", "i8"),
-        ("roll", "f8", (MOTORS_MAX,)),  # share of each motor in roll, pitch, yaw
-        ("pitch", "f8", (MOTORS_MAX,)),
-        ("yaw", "f8", (MOTORS_MAX,)),
+        ("roll", "f8", (MOTORS,)),  # share of each motor in roll, pitch, yaw
+        ("pitch", "f8", (MOTORS,)),
+        ("yaw", "f8", (MOTORS,)),
     ]
 )
 """Parameters as the fast loop wants them (`gains`)."""

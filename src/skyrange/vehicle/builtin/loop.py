@@ -87,7 +87,7 @@ def _stand(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
     f.att_rate[0] = 0.0
     f.att_rate[1] = 0.0
     f.att_rate[2] = 0.0
-    turn_motors(e, f, g, out, i, False, False)
+    out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, False, False)
     for axis in range(3):
         f.rate_i[axis] = 0.0
 
@@ -241,17 +241,16 @@ def turn(
     which: Ints,
     tuned: Records,
     settings: Records,
-    actuators: Floats,
+    out: Floats,
     dt_s: float,
 ) -> int:
-    """One step for every row: writes (n, motors) commands 0…1; returns how many rows raised a flag newly.
+    """One step for every row: writes `out`, (n, motors) commands 0…1; returns how many rows raised a flag newly.
 
     `which` (n,) is each row's set of parameters in `tuned` and `settings`, one row per distinct set.
     """
     flagged = 0
     for i in range(flight.shape[0]):
         f: Any = flight[i]
-        out = actuators
         control = f.control
         before = f.flags
         if control == _OFF:
@@ -284,15 +283,9 @@ def turn(
                     attitude.advance(f, dt_s)
                 else:
                     attitude.start_at(e, f)
-                turn_motors(
-                    e,
-                    f,
-                    g,
-                    out,
-                    i,
-                    control == _LAND and e.height < _LAND_HEIGHT_M,
-                    control == _ATTITUDE and f.rates_only == 1,
-                )
+                down = control == _LAND and e.height < _LAND_HEIGHT_M
+                rates_only = control == _ATTITUDE and f.rates_only == 1
+                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, down, rates_only)
             elif sticks.throttle_zero(f, dt_s):
                 f.throttle = 0.0
                 f.rate_i[0] = 0.0
@@ -303,7 +296,7 @@ def turn(
             else:
                 f.throttle = sticks.throttle(f, settings[which[i]])
                 attitude.advance(f, dt_s)
-                turn_motors(e, f, g, out, i, False, False)
+                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, False, False)
             if slow:
                 _touch(e, f, slow_s)
         if f.flags & ~before:

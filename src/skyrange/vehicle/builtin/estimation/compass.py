@@ -15,6 +15,7 @@ from skyrange.core.compiled import kernel
 from skyrange.vehicle.builtin.estimation.covariance import shift_gyro_bias, turn_attitude
 from skyrange.vehicle.builtin.estimation.gnss import gate
 from skyrange.vehicle.builtin.estimation.state import HEIGHT_NS, INTERVAL_MIN_NS, MAG_RESET_NS, News
+from skyrange.vehicle.builtin.estimation.strapdown import Triple
 from skyrange.vehicle.builtin.shaping import clamp
 
 _YAW = int(News.YAW_RESET)
@@ -35,20 +36,20 @@ def turned(e: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
 
 
 @kernel
-def read_compass(e: Any, k: Any, p: Any, now: int, compass: Any, i: int, field: Any, armed: bool) -> None:
+def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Triple, armed: bool) -> None:
     """Use a reading that is new, as the barometer's."""
     since = now - k.compass_at
-    same = compass[i, 0] == k.compass[0] and compass[i, 1] == k.compass[1] and compass[i, 2] == k.compass[2]
+    same = compass[0] == k.compass[0] and compass[1] == k.compass[1] and compass[2] == k.compass[2]
     if since < INTERVAL_MIN_NS or (same and since < HEIGHT_NS):
         return
     for axis in range(3):
-        if not abs(compass[i, axis]) < 10.0:
+        if not abs(compass[axis]) < 10.0:
             return
     for axis in range(3):
-        k.compass[axis] = compass[i, axis]
-        e.compass[axis] = compass[i, axis]
+        k.compass[axis] = compass[axis]
+        e.compass[axis] = compass[axis]
     k.compass_at = now
-    east, north, up = turned(e, compass[i, 0], compass[i, 1], compass[i, 2])
+    east, north, up = turned(e, compass[0], compass[1], compass[2])
     level = math.sqrt(field[0] * field[0] + field[1] * field[1])
     if level < _LEAST_GAUSS or east * east + north * north < _LEAST_GAUSS * _LEAST_GAUSS:
         return

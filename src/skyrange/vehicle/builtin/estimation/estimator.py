@@ -20,13 +20,14 @@ from skyrange.vehicle.builtin.estimation.aiding import check_aiding, receiver_pa
 from skyrange.vehicle.builtin.estimation.compass import align_yaw, read_compass, turned
 from skyrange.vehicle.builtin.estimation.covariance import predict
 from skyrange.vehicle.builtin.estimation.disbelief import HOLD_NS
-from skyrange.vehicle.builtin.estimation.gnss import claimed, read_fix
+from skyrange.vehicle.builtin.estimation.gnss import claimed, read_fix, see_receiver
 from skyrange.vehicle.builtin.estimation.height import read_baro
 from skyrange.vehicle.builtin.estimation.report import report
 from skyrange.vehicle.builtin.estimation.state import (
     ACCEL_MAX_MPS2,
     GYRO_BIAS_LIMIT_RADPS,
     HEIGHT_MAX_M,
+    INTERVAL_MIN_NS,
     POS_LIMIT_M,
     SLOTS,
     STEP_NS,
@@ -179,10 +180,11 @@ def turn(
     Returns how many rows have news.
     """
     news = 0
+    earth = (field[0], field[1], field[2])
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
         k: Any = filters[i]
-        carry(e, k, gyro, accel, i, dt_s)
+        carry(e, k, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]), dt_s)
         if step_s > 0.0:
             p: Any = settings[which[i]]
             on = armed[i] != 0
@@ -193,8 +195,12 @@ def turn(
                 k.accel_slow[axis] += _SLOW * (e.accel[axis] - k.accel_slow[axis])
             check_aiding(k, p, now)
             predict(k, p, step_s)
-            read_compass(e, k, p, now, compass, i, field, on)
-            read_fix(e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room)
+            read_compass(e, k, p, now, (compass[i, 0], compass[i, 1], compass[i, 2]), earth, on)
+            see_receiver(e, k, now, fix[i], satellites[i])
+            if time[i] != k.fix_time and now - k.fix_at >= INTERVAL_MIN_NS:
+                read_fix(
+                    e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room
+                )
             read_baro(e, k, p, now, baro[i], on)
             _settle(e, k, p, step_s)
             seen = rangefinder[i]

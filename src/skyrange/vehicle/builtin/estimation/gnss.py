@@ -30,7 +30,6 @@ from skyrange.vehicle.builtin.estimation.covariance import (
 from skyrange.vehicle.builtin.estimation.disbelief import judge_accelerometers
 from skyrange.vehicle.builtin.estimation.state import (
     HEIGHT_MAX_M,
-    INTERVAL_MIN_NS,
     POS_LIMIT_M,
     SLOTS,
     STEP_NS,
@@ -63,6 +62,14 @@ def claimed(value: float, worst: float) -> float:
 
 
 @kernel
+def see_receiver(e: Any, k: Any, now: int, kind: int, satellites: int) -> None:
+    """What the receiver says of itself, at every step."""
+    e.gnss_fix = min(max(kind, 0), 8)
+    e.gnss_sats = min(max(satellites, 0), 255)
+    e.gnss_age_s = (now - k.fix_at) / NS_PER_S
+
+
+@kernel
 def read_fix(
     e: Any,
     k: Any,
@@ -79,12 +86,7 @@ def read_fix(
     slot: int,
     fix: Any,
 ) -> None:
-    """Take what the receiver says; a new fix is judged and used. `fix` is room for six numbers."""
-    e.gnss_fix = min(max(kind, 0), 8)
-    e.gnss_sats = min(max(satellites, 0), 255)
-    e.gnss_age_s = (now - k.fix_at) / NS_PER_S
-    if time == k.fix_time or now - k.fix_at < INTERVAL_MIN_NS:
-        return
+    """Judge a new fix and use it. `fix` is room for six numbers."""
     k.fix_time = time
     if kind < _FIX_3D:
         return

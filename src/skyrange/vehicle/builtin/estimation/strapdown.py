@@ -23,6 +23,7 @@ from skyrange.vehicle.builtin.estimation.state import (
 from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
 from skyrange.vehicle.builtin.shaping import clamp
 
+Triple = tuple[float, float, float]
 _NONE = int(Aiding.NONE)
 _SMALL = 0.05  # tangent below which an angle is taken from a series
 _ACCEL_UNAIDED_MPS2 = 5.0  # UpdateStrapdownEquationsNED: manoeuvres without aiding
@@ -37,14 +38,14 @@ def reading(value: float, before: float, most: float) -> float:
 
 
 @kernel
-def carry(e: Any, k: Any, gyro: Any, accel: Any, i: int, dt_s: float) -> None:
+def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
     """Advance the state by a tick and show it: everything of the estimate that changes at every tick.
 
-    `gyro` and `accel` (n, 3) are the fleet's, `i` is the row: a view of it would cost as much as all of this.
+    Readings come as numbers, because a kernel that is given an array counts a reference to it, which takes as long.
     """
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     for axis in range(3):
-        k.force[axis] = reading(accel[i, axis], k.force[axis], ACCEL_MAX_MPS2)
+        k.force[axis] = reading(accel[axis], k.force[axis], ACCEL_MAX_MPS2)
     a, b, c = k.force[0], k.force[1], k.force[2]
     east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
     north = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
@@ -72,7 +73,7 @@ def carry(e: Any, k: Any, gyro: Any, accel: Any, i: int, dt_s: float) -> None:
     tx, ty, tz = k.rate[0], k.rate[1], k.rate[2]
     for axis in range(3):
         bias = k.gyro_bias[axis]
-        k.rate[axis] = reading(gyro[i, axis], k.rate[axis] + bias, GYRO_MAX_RADPS) - bias
+        k.rate[axis] = reading(gyro[axis], k.rate[axis] + bias, GYRO_MAX_RADPS) - bias
         e.rate[axis] = k.rate[axis]
     tx = half * (tx + k.rate[0])
     ty = half * (ty + k.rate[1])
