@@ -120,13 +120,22 @@ def _prepared(place: str) -> Range:
     """Two aircraft with usual sensors, their estimators settled: standing, hovering, or flying missions."""
     r = Range([VehicleSpec(v, i + 1, home_enu_m=HOMES[i]) for i, v in enumerate(NAMES)], noise=1.0)
     r.run(30.0)
-    for name in NAMES:
+    for name, home in zip(NAMES, HOMES, strict=True):
         if place == "hovering":
             assert r.mode(name, Mode.GUIDED) == OK
             assert r.arm(name) == OK
             assert r.command(name, A.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 15.0) == OK
         elif place == "mission":
-            r.upload(name, square(30.0, 12.0))
+            around = [
+                (
+                    frame,
+                    number,
+                    params,
+                    (east + home[0], north + home[1], up) if number == A.MAV_CMD_NAV_WAYPOINT else (east, north, up),
+                )
+                for frame, number, params, (east, north, up) in square(30.0, 12.0)
+            ]
+            r.upload(name, around)
             start(r, name)
     r.run(20.0)
     return r
