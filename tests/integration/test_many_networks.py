@@ -54,9 +54,9 @@ def test_one_station_tells_all_of_them_apart(flown: tuple[Run, Path]) -> None:
     for row in run.rig.header["vehicles"]:
         place = gcs.latest(row["id"], dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
         east_m, north_m = origin.enu_of(float(place["lat"]) * 1e-7, float(place["lon"]) * 1e-7)
-        # neighbours stand 12 m apart; a GNSS fix on the ground is nearer than half of that
-        assert abs(east_m - row["home_enu_m"][0]) < 6.0, row["id"]
-        assert abs(north_m - row["home_enu_m"][1]) < 6.0, row["id"]
+        # neighbours stand 12 m apart; a GNSS fix on the ground is nearer than a quarter of that
+        assert abs(east_m - row["home_enu_m"][0]) < 3.0, row["id"]
+        assert abs(north_m - row["home_enu_m"][1]) < 3.0, row["id"]
     kinds = load(folder).table("decisions").column("kind").to_pylist()
     assert "decision.foreign_frame" not in kinds
     assert "decision.bad_frame" not in kinds

@@ -138,16 +138,12 @@ class Inbox(Sequence[Arrival]):
         """Numbers of the arrivals in their order; singles count first, then the blocks' rows."""
         if not self._blocks:
             return np.arange(len(self._singles), dtype=np.int64)
-        if not self._singles:  # lanes are numbered in order of their names
-            lane = np.concatenate([block.lane for block in self._blocks])
-            serial = np.concatenate([block.serial for block in self._blocks])
-            at = np.repeat([block.arrived_ns for block in self._blocks], [len(block) for block in self._blocks])
-            return np.lexsort((serial, lane, at))
         lanes = self._blocks[0].lanes
         numbers = [lanes.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
-        if min(numbers) >= 0 and all(block.lanes is lanes for block in self._blocks):
+        if min(numbers, default=0) >= 0:  # lanes are numbered in order of their names
             rows = np.array([(arrival.ref.serial, arrival.at) for arrival in self._singles], dtype=np.int64)
-            lane = np.concatenate([numbers, *(block.lane for block in self._blocks)])
+            rows = rows.reshape(-1, 2)
+            lane = np.concatenate([np.array(numbers, dtype=np.int64), *(block.lane for block in self._blocks)])
             serial = np.concatenate([rows[:, 0], *(block.serial for block in self._blocks)])
             at = np.concatenate([rows[:, 1], *(np.full(len(block), block.arrived_ns) for block in self._blocks)])
             return np.lexsort((serial, lane, at))

@@ -28,6 +28,20 @@ _F1, _F2 = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
 
 
 @kernel
+def _mixed(a: np.uint64, b: np.uint64, word: np.uint64) -> tuple[np.uint64, np.uint64]:
+    """Both lanes after one more word."""
+    a = (a ^ word) + _GOLDEN
+    a = (a ^ (a >> _30)) * _S1
+    a = (a ^ (a >> _27)) * _S2
+    a = a ^ (a >> _31)
+    b = b + word * _S1 + _GOLDEN
+    b = (b ^ (b >> _33)) * _F1
+    b = (b ^ (b >> _33)) * _F2
+    b = b ^ (b >> _33)
+    return a, b
+
+
+@kernel
 def _sum_rows(words: Words) -> tuple[np.uint64, np.uint64]:
     """The sum modulo 2**128 of the rows' 128-bit hashes, as (high, low) words; `words` is (rows, columns)."""
     high = np.uint64(0)
@@ -36,15 +50,7 @@ def _sum_rows(words: Words) -> tuple[np.uint64, np.uint64]:
         a = _GOLDEN
         b = _F1
         for column in range(words.shape[1]):
-            word = words[row, column]
-            a = (a ^ word) + _GOLDEN
-            a = (a ^ (a >> _30)) * _S1
-            a = (a ^ (a >> _27)) * _S2
-            a = a ^ (a >> _31)
-            b = b + word * _S1 + _GOLDEN
-            b = (b ^ (b >> _33)) * _F1
-            b = (b ^ (b >> _33)) * _F2
-            b = b ^ (b >> _33)
+            a, b = _mixed(a, b, words[row, column])
         before = low
         low = low + b
         high = high + a
@@ -71,14 +77,7 @@ def hash_bytes(data: NDArray[np.uint8], start: int, size: int) -> tuple[np.uint6
         for place in range(min(8, end - at)):
             word |= np.uint64(data[at + place]) << np.uint64(8 * place)
         at += 8
-        a = (a ^ word) + _GOLDEN
-        a = (a ^ (a >> _30)) * _S1
-        a = (a ^ (a >> _27)) * _S2
-        a = a ^ (a >> _31)
-        b = b + word * _S1 + _GOLDEN
-        b = (b ^ (b >> _33)) * _F1
-        b = (b ^ (b >> _33)) * _F2
-        b = b ^ (b >> _33)
+        a, b = _mixed(a, b, word)
     return a, b
 
 

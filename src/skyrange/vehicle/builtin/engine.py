@@ -116,7 +116,6 @@ class BuiltinFleet:
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1
         self.ports = [craft.port for craft in crafts]
-        self._by_port = {craft.port: craft for craft in crafts}
         self._places = {craft.port: craft.row for craft in crafts}
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
@@ -167,7 +166,7 @@ class BuiltinFleet:
     def _receive(self, arrival: Arrival) -> None:
         """Act on one frame, as ArduPilot's routing lets it through (MAVLink_routing.cpp)."""
         fleet = self._fleet
-        craft = self._by_port[arrival.port]
+        craft = fleet.crafts[self._places[arrival.port]]
         try:
             message = decode(arrival.payload)
         except DecodeError as error:

@@ -12,7 +12,7 @@ from typing import Any, Final
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fence_zones import CIRCLE_IN, CIRCLE_OUT, MAX_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
-from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner, lat_lon_e7, plain_message
+from skyrange.vehicle.builtin.transfer_kinds import lat_lon_e7, plain_kind
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE
 _ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
@@ -160,19 +160,4 @@ def _clear(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
     return True
 
 
-def _message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
-    return plain_message(_NUMBER, craft.fence[seq], seq, partner, whole) if seq < len(craft.fence) else None
-
-
-FENCE: Final = ItemKind(
-    number=_NUMBER,
-    most=MAX_ITEMS,
-    timeout="Fence upload timeout",
-    items=lambda craft: craft.fence,
-    begin=_begin,
-    put=_put,
-    complete=_complete,
-    stopped=lambda fleet, craft: None,
-    message=_message,
-    clear=_clear,
-)
+FENCE: Final = plain_kind(_NUMBER, MAX_ITEMS, "Fence", lambda craft: craft.fence, _begin, _put, _complete, _clear)

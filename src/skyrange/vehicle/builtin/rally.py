@@ -11,7 +11,7 @@ from typing import Any, Final
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin import fence
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
-from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner, lat_lon_e7, plain_message
+from skyrange.vehicle.builtin.transfer_kinds import lat_lon_e7, plain_kind
 
 MAX_ITEMS: Final = 46
 """(90 + 300 + 300) / 15 bytes (StorageManager.cpp StorageRally, 15 areas; AP_Rally.cpp `RallyLocation`)."""
@@ -115,19 +115,4 @@ def _clear(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
     return True
 
 
-def _message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
-    return plain_message(_NUMBER, craft.rally[seq], seq, partner, whole) if seq < len(craft.rally) else None
-
-
-RALLY: Final = ItemKind(
-    number=_NUMBER,
-    most=MAX_ITEMS,
-    timeout="Rally upload timeout",
-    items=lambda craft: craft.rally,
-    begin=_begin,
-    put=_put,
-    complete=_complete,
-    stopped=lambda fleet, craft: None,
-    message=_message,
-    clear=_clear,
-)
+RALLY: Final = plain_kind(_NUMBER, MAX_ITEMS, "Rally", lambda craft: craft.rally, _begin, _put, _complete, _clear)

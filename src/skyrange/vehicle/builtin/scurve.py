@@ -122,18 +122,25 @@ def _level(c: Any, i: int, seconds: float, jm: float) -> None:
 
 
 @kernel
+def _ramp(tj: float, jm: float) -> tuple[float, float, float]:
+    """What a jerk that rises to `jm` as a raised cosine adds in acceleration, speed and distance, begun at rest."""
+    half = 0.5 * jm
+    per = tj / math.pi
+    return half * tj, half * (0.5 * tj * tj - 2.0 * per * per), half * (tj * tj * tj / 6.0 - per * per * tj)
+
+
+@kernel
 def _rise(c: Any, i: int, tj: float, jm: float) -> None:
     """A segment in which the jerk rises from 0 to `jm` as a raised cosine."""
     k = i - 1
     if not tj > 0.0:
         _level(c, i, 0.0, 0.0)
         return
-    half = 0.5 * jm
-    per = tj / math.pi
+    a, v, p = _ramp(tj, jm)
     _set(
-        c, i, c.seg[k, _T] + tj, jm, c.seg[k, _A] + half * tj,
-        c.seg[k, _V] + c.seg[k, _A] * tj + half * (0.5 * tj * tj - 2.0 * per * per),
-        c.seg[k, _P] + c.seg[k, _V] * tj + 0.5 * c.seg[k, _A] * tj * tj + half * (tj * tj * tj / 6.0 - per * per * tj),
+        c, i, c.seg[k, _T] + tj, jm, c.seg[k, _A] + a,
+        c.seg[k, _V] + c.seg[k, _A] * tj + v,
+        c.seg[k, _P] + c.seg[k, _V] * tj + 0.5 * c.seg[k, _A] * tj * tj + p,
     )  # fmt: skip
 
 
@@ -146,9 +153,10 @@ def _fall(c: Any, i: int, tj: float, jm: float) -> None:
         return
     half = 0.5 * jm
     per = tj / math.pi
-    a0 = c.seg[k, _A] - half * tj
-    v0 = c.seg[k, _V] - half * (0.5 * tj * tj - 2.0 * per * per)
-    p0 = c.seg[k, _P] - half * (tj * tj * tj / 6.0 - per * per * tj)
+    a, v, p = _ramp(tj, jm)
+    a0 = c.seg[k, _A] - a
+    v0 = c.seg[k, _V] - v
+    p0 = c.seg[k, _P] - p
     _set(
         c, i, c.seg[k, _T] + tj, jm, a0 + jm * tj, v0 + a0 * tj + jm * tj * tj,
         p0 + v0 * tj + 0.5 * a0 * tj * tj + half * (4.0 / 3.0 * tj * tj * tj - 2.0 * per * per * tj),
@@ -383,9 +391,10 @@ def at(c: Any, t: float) -> tuple[float, float, float]:
     half = 0.5 * jm
     per = tj / math.pi
     if place in (2, 6):  # falling: the second half of the raised cosine, as if it had begun at rest
-        p -= half * (tj * tj * tj / 6.0 - per * per * tj)
-        v -= half * (0.5 * tj * tj - 2.0 * per * per)
-        a -= half * tj
+        da, dv, dp = _ramp(tj, jm)
+        p -= dp
+        v -= dv
+        a -= da
         moved = p + v * s + 0.5 * a * s * s
         gained = v + a * s
         s += tj

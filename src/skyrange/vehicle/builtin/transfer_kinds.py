@@ -43,7 +43,29 @@ class ItemKind(NamedTuple):
     """Forget all; `False` where that is refused."""
 
 
-def plain_message(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
+def plain_kind(
+    number: int,
+    most: int,
+    name: str,
+    items: Callable[[Craft], list[Slot]],
+    begin: Callable[[Craft, Upload, int | None], None],
+    put: Callable[[Craft, Upload, Any, Causes], int],
+    complete: Callable[[Fleet, Craft, Upload, Causes], int],
+    clear: Callable[[Fleet, Craft, Causes], bool],
+) -> ItemKind:
+    """A kind whose items have one parameter, and where an upload that was given up leaves nothing to be done."""
+
+    def message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
+        slots = items(craft)
+        return _plain_message(number, slots[seq], seq, partner, whole) if seq < len(slots) else None
+
+    def stopped(fleet: Fleet, craft: Craft) -> None:
+        pass
+
+    return ItemKind(number, most, f"{name} upload timeout", items, begin, put, complete, stopped, message, clear)
+
+
+def _plain_message(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
     """A stored item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; param1 is its only parameter."""
     head = (*partner, seq, slot.frame, slot.command, 0, 0, slot.param1, 0.0, 0.0, 0.0)
     if whole:

@@ -1,0 +1,40 @@
+"""Python's garbage collector is at ease within a run only, and finds what a run leaves."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+
+import pytest
+
+from skyrange.runtime.collector import at_ease
+
+
+class Knot:
+    """An object that only the collector can free."""
+
+    def __init__(self) -> None:
+        self.me = self
+
+
+def test_everything_is_as_before_afterwards_even_where_it_breaks() -> None:
+    before = gc.get_threshold(), gc.get_freeze_count()
+    with at_ease():
+        assert gc.get_threshold()[0] > before[0][0]
+        assert gc.get_freeze_count() > 0
+        with at_ease():
+            pass
+        assert gc.get_freeze_count() > 0, "an inner one leaves what the outer one set apart"
+    assert (gc.get_threshold(), gc.get_freeze_count()) == before
+    with pytest.raises(ZeroDivisionError), at_ease():
+        _ = 1 // 0
+    assert (gc.get_threshold(), gc.get_freeze_count()) == before
+
+
+def test_garbage_of_the_flight_is_found_in_the_flight() -> None:
+    with at_ease():
+        knot = Knot()
+        gone = weakref.ref(knot)
+        del knot
+        gc.collect()
+        assert gone() is None
