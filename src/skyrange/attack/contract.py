@@ -12,15 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from skyrange.agent.contracts import Agent, SensorFault
-from skyrange.agent.links import LinkSpec, Schedule, TapPlacement
 from skyrange.agent.settings import Params
-from skyrange.core.chance import Chance
-from skyrange.core.geodesy import Origin
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import Epoch, Time
+
+if TYPE_CHECKING:
+    from skyrange.agent.contracts import Agent, SensorFault
+    from skyrange.agent.links import LinkSpec, Schedule, TapPlacement
+    from skyrange.core.chance import Chance
+    from skyrange.core.geodesy import Origin
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
