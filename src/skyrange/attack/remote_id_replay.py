@@ -20,6 +20,7 @@ from skyrange.codec.f3411 import (
     Location,
     MessagePack,
     SelfId,
+    Single,
     Status,
     UaType,
     encode,
@@ -90,7 +91,7 @@ class Parrot:
     def _harmless(self, body: bytes, place: Place) -> bytes:
         """A body of the same length: this transmitter's own identity and place, and a greeting for the rest."""
         lat_deg, lon_deg = self.origin.geodetic_of(place[0], place[1])
-        messages = [
+        messages: list[Single] = [
             Location(
                 status=Status.GROUND,
                 lat_deg=lat_deg,

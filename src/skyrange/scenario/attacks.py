@@ -193,6 +193,6 @@ def radio_faults(radios: Sequence[Transmitter], city: City) -> Iterator[Fault]:
             yield Fault(
                 f"attacks.{radio.endpoint.rsplit('.', 1)[0]}.params.transmitter_m",
                 f"[{east_m:g}, {north_m:g}, {up_m:g}] m",
-                f"a place outside buildings; this is inside {building.name or building.id}, {building.height_m:g} m high",
+                f"a place outside buildings; this is in {building.name or building.id}, {building.height_m:g} m high",
                 "Put it on the roof, or into the street.",
             )
