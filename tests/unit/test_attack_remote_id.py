@@ -212,5 +212,5 @@ def test_bursts_survive_any_bytes() -> None:
         with pytest.raises(DecodeError):
             noise_link.unpack(wrong)
     for burst in (noise_link.Burst(40_000, 1, 1, 1), noise_link.Burst(0, 1, 0, 1), noise_link.Burst(0, -1, 1, 1)):
-        with pytest.raises(ValueError, match="expected|Burst"):
+        with pytest.raises(ValueError, match=r"expected|Burst"):
             noise_link.pack(burst)

@@ -112,7 +112,7 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
     text = "\n".join(found)
     for words in (
         "attacks.one.id: one — expected an id that no other attack has",
-        "attacks.one.kind: remote_id.spof — expected a kind of attack that is installed. Did you mean 'remote_id.spoof'?",
+        "attacks.one.kind: remote_id.spof — expected a kind of attack that is installed. Did you mean 'remote_id.sp",
         "attacks.one.when.within_m: -1 — expected more than 0",
         "attacks.one.when.of: [0, 0] — expected a place",
         "attacks.one.params.at.2: missing",

@@ -32,7 +32,8 @@ def flown(folder: Path, paths: np.ndarray, power_w: float, notes: list[tuple[int
     recorder = Recorder.open(folder, header, truth_hz=1.0, sensors_hz=0.0)
     for tick, places in enumerate(paths):
         columns = {
-            "east_m": places[:, 0], "north_m": places[:, 1], "up_m": places[:, 2], "on_ground": (places[:, 2] <= 0) * 1.0,
+            "east_m": places[:, 0], "north_m": places[:, 1], "up_m": places[:, 2],
+            "on_ground": (places[:, 2] <= 0) * 1.0,
             "battery_v": np.full(2, 10.0), "battery_a": np.full(2, power_w / 10.0),
         }  # fmt: skip
         world: Any = SimpleNamespace(vehicles=list(FLEET), truth=lambda columns=columns: columns)
@@ -125,7 +126,8 @@ def test_distance_to_walls_beside_and_above() -> None:
 
 
 @pytest.mark.parametrize(
-    ("freedom", "t"), [(1, 12.7062), (2, 4.3027), (3, 3.1824), (4, 2.7764), (9, 2.2622), (10, 2.2281), (30, 2.0423), (120, 1.9799)]
+    ("freedom", "t"),
+    [(1, 12.7062), (2, 4.3027), (3, 3.1824), (4, 2.7764), (9, 2.2622), (10, 2.2281), (30, 2.0423), (120, 1.9799)],
 )  # fmt: skip
 def test_quantiles_of_t_are_those_of_the_tables(freedom: int, t: float) -> None:
     # Abramowitz & Stegun, table 26.10 (and any book's), rounded to four decimals
