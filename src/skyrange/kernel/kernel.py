@@ -17,7 +17,6 @@ from math import gcd
 import numpy as np
 
 from skyrange.agent.contracts import Agent, InstanceStatus, Observer
-from skyrange.agent.links import AttackPlan
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
@@ -27,6 +26,7 @@ from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Lane, Mailbox, Transit
+from skyrange.kernel.stages import Stage, Stages
 from skyrange.kernel.traffic import Code, Traffic, acts, blamed
 from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
 
@@ -39,7 +39,7 @@ class _Seat:
 
     __slots__ = ("agent", "attack", "box")
 
-    def __init__(self, agent: Agent, attack: AttackPlan | None) -> None:
+    def __init__(self, agent: Agent, attack: Stage | None) -> None:
         self.agent = agent
         self.attack = attack
         self.box = Mailbox(agent.name, agent.service_ns, polled=False)
@@ -66,15 +66,16 @@ class Kernel:
         """Raises `InputError` where the wiring does not fit together."""
         check(wiring)
         lanes = lanes_of(wiring, Chance(wiring.seed))
-        taps = place_taps(wiring, lanes)
+        self._stages = Stages(wiring.attacks, wiring.world)
+        taps = place_taps(wiring, lanes, self._stages.by_id())
         seats = [_Seat(agent, None) for agent in wiring.agents]
-        seats += [_Seat(agent, plan) for plan in wiring.attacks for agent in plan.agents]
+        seats += [_Seat(agent, stage) for stage in self._stages.each for agent in stage.plan.agents]
         self._seats = {seat.agent.name: seat for seat in seats}
         self._berths = sorted((_Berth(mount) for mount in wiring.engines), key=lambda berth: berth.engine.name)
         self._ports = sending_lanes(lanes)
         self._traffic = Traffic(lanes, observers)
         self._world = wiring.world
-        self._faults = FaultBench(wiring.attacks, wiring.world)
+        self._faults = FaultBench(self._stages.each, wiring.world)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
         self._ended = False
@@ -183,6 +184,9 @@ class Kernel:
         assert world is not None
         for note in world.advance(now):
             self._note(now, "world", note)
+        if self._stages.present:
+            for note in self._stages.tick(now, world):
+                self._note(now, "kernel", note)
         faults = self._faults
         if faults.present:
             for label in faults.work(now, world):
@@ -268,7 +272,7 @@ class Kernel:
             seat.box.due = due
             heappush(self._traffic.heap, ((due << 3) | _WAKEUP, "agent", seat.box.name, 0, _STEP, seat.box))
 
-    def _dispatch(self, now: Time, name: str, outbox: Outbox, own: Sequence[Port], attack: AttackPlan | None) -> None:
+    def _dispatch(self, now: Time, name: str, outbox: Outbox, own: Sequence[Port], attack: Stage | None) -> None:
         for note in outbox.notes:
             self._note(now, name, note)
         if not acts(attack, now):

@@ -21,6 +21,7 @@ from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import ID_PATTERN, Port
 from skyrange.core.time import NS_PER_S
 from skyrange.kernel.lane import Forward, Lane, TapSlot
+from skyrange.kernel.stages import Stage
 
 _NO_ATTACK = "tap"
 """What stands for the attack's id in the name of a tap that belongs to none."""
@@ -80,9 +81,11 @@ def sending_lanes(lanes: Mapping[str, Lane]) -> dict[Port, Lane]:
     return {Port(lane.src, lane.link): lane for lane in lanes.values()}
 
 
-def place_taps(wiring: Wiring, lanes: Mapping[str, Lane]) -> list[TapSlot]:
-    """Make and place every tap of this kernel's endpoints; a placement that matches nothing is an error."""
-    attacks = {plan.id: plan for plan in wiring.attacks}
+def place_taps(wiring: Wiring, lanes: Mapping[str, Lane], attacks: Mapping[str, Stage]) -> list[TapSlot]:
+    """Make and place every tap of this kernel's endpoints; a placement that matches nothing is an error.
+
+    `attacks` are the run's, by id.
+    """
     slots: list[TapSlot] = []
     sides: dict[tuple[str, str], list[TapSlot]] = {}
     for spec in wiring.links:
