@@ -46,6 +46,17 @@ class Agent(Protocol):
         ...
 
 
+class Watcher(Agent, Protocol):
+    """An agent that is told where everything truly is, as what carries radio waves must be; no other may be one."""
+
+    look_ns: Time
+    """The kernel has it look at every multiple of this: whole ticks of the world."""
+
+    def look(self, now: Time, world: World) -> None:
+        """See the world as it is after its tick at `now`; nothing of it may be kept but copies, or altered."""
+        ...
+
+
 class Tap(Protocol):
     """Stands on one side of one link, sees frames of both directions, judges each."""
 

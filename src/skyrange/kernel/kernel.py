@@ -13,10 +13,11 @@ from collections.abc import Sequence
 from copy import deepcopy
 from heapq import heappop, heappush
 from math import gcd
+from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, InstanceStatus, Observer
+from skyrange.agent.contracts import Agent, InstanceStatus, Observer, Watcher
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
@@ -68,13 +69,14 @@ class Kernel:
         lanes = lanes_of(wiring, Chance(wiring.seed))
         self._stages = Stages(wiring.attacks, wiring.world)
         taps = place_taps(wiring, lanes, self._stages.by_id())
-        seats = [_Seat(agent, None) for agent in wiring.agents]
+        seats = [_Seat(agent, None) for agent in (*wiring.agents, *wiring.watchers)]
         seats += [_Seat(agent, stage) for stage in self._stages.each for agent in stage.plan.agents]
         self._seats = {seat.agent.name: seat for seat in seats}
         self._berths = sorted((_Berth(mount) for mount in wiring.engines), key=lambda berth: berth.engine.name)
         self._ports = sending_lanes(lanes)
         self._traffic = Traffic(lanes, observers)
         self._world = wiring.world
+        self._watchers = sorted(watcher.name for watcher in wiring.watchers)
         self._faults = FaultBench(self._stages.each, wiring.world)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
@@ -184,6 +186,10 @@ class Kernel:
         assert world is not None
         for note in world.advance(now):
             self._note(now, "world", note)
+        for name in self._watchers:
+            watcher = cast("Watcher", self._seats[name].agent)
+            if now % watcher.look_ns == 0:
+                watcher.look(now, world)
         if self._stages.present:
             for note in self._stages.tick(now, world):
                 self._note(now, "kernel", note)

@@ -14,7 +14,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Agent, Engine, World
+from skyrange.agent.contracts import Agent, Engine, Watcher, World
 from skyrange.agent.links import AttackPlan, LinkSpec, Route, TapPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
@@ -42,6 +42,8 @@ class Wiring:
     seed: int
     links: Sequence[LinkSpec]
     agents: Sequence[Agent] = ()
+    watchers: Sequence[Watcher] = ()
+    """Agents too, which also see the world."""
     routes: Sequence[Route] = ()
     taps: Sequence[TapPlacement] = ()
     attacks: Sequence[AttackPlan] = ()
@@ -187,7 +189,8 @@ def check(wiring: Wiring) -> None:
         )
         if value not in allowed
     ]
-    names = [agent.name for agent in wiring.agents] + [mount.engine.name for mount in wiring.engines]
+    names = [agent.name for agent in (*wiring.agents, *wiring.watchers)]
+    names += [mount.engine.name for mount in wiring.engines]
     names += [agent.name for plan in wiring.attacks for agent in plan.agents]
     faults += [Fault("agents", name, "names that differ") for name in sorted({n for n in names if names.count(n) > 1})]
     ids = [plan.id for plan in wiring.attacks]
@@ -199,6 +202,12 @@ def check(wiring: Wiring) -> None:
     ]
     if wiring.engines and wiring.world is None:
         faults.append(Fault("engines", "no world", "a world for them to fly in"))
+    quantum_ns = wiring.world.quantum_ns if wiring.world is not None else 0
+    faults += [
+        Fault(f"{watcher.name}.look_ns", str(watcher.look_ns), "whole ticks of a world")
+        for watcher in wiring.watchers
+        if quantum_ns <= 0 or watcher.look_ns <= 0 or watcher.look_ns % quantum_ns
+    ]
     if wiring.world is not None and not 0 < wiring.world.quantum_ns < NS_PER_S // 10:
         faults.append(Fault("world.quantum_ns", str(wiring.world.quantum_ns), "over 0 and under 0.1 s"))
     if faults:
