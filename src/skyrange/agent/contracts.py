@@ -143,16 +143,18 @@ class SensorFault(Protocol):
 
 
 class Trigger(Protocol):
-    """A condition on truth that starts an attack. The kernel asks it at world ticks; the attack hears of the start alone.
+    """A condition on truth that starts an attack. The kernel asks it at world ticks; of the attack's parts none does.
 
     Deep-copyable and pure: the answer depends on what it was handed alone.
     """
 
-    vehicles: Sequence[str]
-    """The vehicles it speaks of."""
+    @property
+    def vehicles(self) -> Sequence[str]:
+        """The vehicles that it speaks of."""
+        ...
 
     def holds(self, now: Time, truth: Mapping[str, NDArray[np.float64]], rows: Sequence[int]) -> bool:
-        """Whether it holds; `truth` are the world's columns, `rows` where its `vehicles` stand in them, in their order."""
+        """Whether it holds; `truth` are the world's columns, `rows` where its `vehicles` stand in them, in order."""
         ...
 
 
