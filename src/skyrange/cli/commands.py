@@ -107,9 +107,9 @@ def _print_pair(made: Pair) -> None:
         title=f"{made.manifest['name']}: attacked against {made.reference}, seed {made.seeds[0]}",
         title_justify="left", title_style="bold",
     )  # fmt: skip
-    heads = ("aircraft", "mission", "departs at", "by at most", "delay", "extra distance", "extra energy")
-    for column in (*heads, "near misses", "collisions"):
-        table.add_column(column, justify="left" if column in ("aircraft", "mission") else "right")
+    for column in ("aircraft", "mission", "departs", "by", "delay", "distance", "energy", "near", "hits"):
+        left = column in ("aircraft", "mission")
+        table.add_column(column, justify="left" if left else "right", no_wrap=column == "aircraft")
     for row in sorted(own, key=lambda row: -row["departure_m"])[:MOST_AIRCRAFT]:
         table.add_row(
             row["vehicle"],
@@ -118,7 +118,7 @@ def _print_pair(made: Pair) -> None:
             f"{row['departure_m']:.1f} m",
             "–" if row["delay_s"] is None else f"{row['delay_s']:+.1f} s",
             f"{row['extra_distance_m']:+.1f} m",
-            f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
+            "–" if row["extra_energy_j"] is None else f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
             f"{row['near_misses_twin']} → {row['near_misses']}",
             f"{row['collisions_twin']} → {row['collisions']}",
         )

@@ -66,7 +66,7 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     city = build_city(scenario)
     scenario = placed(scenario, city)
     links, all_routes = _network(scenario)
-    made = make_attacks(scenario.attacks, _setting(scenario, links))
+    made = make_attacks(scenario.attacks, setting_of(scenario, links))
     faults = [*check(scenario, city), *made.faults, *(radio_faults(made.radios, city) if city is not None else ())]
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
@@ -108,7 +108,7 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     )
 
 
-def _setting(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
+def setting_of(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
     """What attacks are told; the id, schedule and sham of each are its own."""
     vehicles = {}
     for operator, vehicle in scenario.fleet:

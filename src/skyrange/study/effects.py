@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from skyrange.core.time import NS_PER_S
 from skyrange.record.run import RunRecord
 from skyrange.record.schema import NAME, Column, arrow_schema
+from skyrange.study.deviation import AIRBORNE_M
 from skyrange.study.separation import NEAR_M, approaches, least_to_walls_m
 from skyrange.study.series import happenings, vehicles
 
@@ -35,7 +36,7 @@ class Ticks:
     aloft: NDArray[np.bool_]
     """(t, n)"""
     power_w: Floats
-    """(t, n) drawn from the battery"""
+    """(t, n) drawn from the battery; NaN where the world has none"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class Measured:
     outcome: str
     finished_s: float | None
     distance_m: float
-    energy_j: float
+    energy_j: float | None
     min_separation_m: float | None
     nearest: str | None
     near_misses: int
@@ -57,7 +58,8 @@ class Measured:
 def ticks_of(record: RunRecord) -> Ticks:
     """The truth of all aircraft by tick; ticks at which some are missing are left out."""
     names = {vehicle.id: number for number, vehicle in enumerate(vehicles(record))}
-    columns = ["east_m", "north_m", "up_m", "on_ground", "battery_v", "battery_a"]
+    there = set(record.tables.schema("truth").names)
+    columns = [name for name in ("east_m", "north_m", "up_m", "on_ground", "battery_v", "battery_a") if name in there]
     table = record.table("truth", ["time_ns", "vehicle", *columns])
     codes = table.column("vehicle").combine_chunks().dictionary_encode()
     lookup = np.array([names.get(name, -1) for name in codes.dictionary.to_pylist()], dtype=np.int64)
@@ -68,11 +70,13 @@ def ticks_of(record: RunRecord) -> Ticks:
     whole = np.repeat(counts == len(names), counts)
     shape = (int((counts == len(names)).sum()), len(names))
     values = {name: table.column(name).to_numpy()[order][whole].reshape(shape) for name in columns}
+    unknown = np.full(shape, np.nan)
+    enu_m = np.stack([values.get(name, unknown) for name in ("east_m", "north_m", "up_m")], axis=2)
     return Ticks(
         moments[counts == len(names)],
-        np.stack([values[name] for name in columns[:3]], axis=2),
-        values["on_ground"] == 0.0,
-        values["battery_v"] * values["battery_a"],
+        enu_m,
+        values["on_ground"] == 0.0 if "on_ground" in values else enu_m[:, :, 2] > AIRBORNE_M,
+        values.get("battery_v", unknown) * values.get("battery_a", unknown),
     )
 
 
@@ -99,7 +103,7 @@ def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Mea
             outcome=str(outcomes.get(name, {}).get("state") or "unfinished"),
             finished_s=outcomes.get(name, {}).get("finished_s"),
             distance_m=float(flown_m[k]),
-            energy_j=float(energy_j[k]),
+            energy_j=_finite(energy_j[k]),
             min_separation_m=_finite(near.least_m[k]),
             nearest=fleet[near.nearest[k]] if near.nearest[k] >= 0 else None,
             near_misses=int(near.near_misses[k]),
@@ -133,9 +137,9 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("distance_m", _F64, "m", "length of the path flown in the attacked run"),
     Column("distance_twin_m", _F64, "m", "the same in the twin"),
     Column("extra_distance_m", _F64, "m", "attacked minus twin"),
-    Column("energy_j", _F64, "J", "drawn from the battery over the whole attacked run"),
-    Column("energy_twin_j", _F64, "J", "the same in the twin"),
-    Column("extra_energy_j", _F64, "J", "attacked minus twin"),
+    Column("energy_j", _F64, "J", "drawn from the battery over the whole attacked run", True),
+    Column("energy_twin_j", _F64, "J", "the same in the twin", True),
+    Column("extra_energy_j", _F64, "J", "attacked minus twin", True),
     Column("min_separation_m", _F64, "m", "least distance to another aircraft in the air, centre to centre", True),
     Column("min_separation_twin_m", _F64, "m", "the same in the twin", True),
     Column("nearest", NAME, "", "to which aircraft, in the attacked run", True),
@@ -174,7 +178,8 @@ def effect_rows(
             row[name], row[f"{stem}_twin_{unit}"] = getattr(a, name), getattr(b, name)
         row["delay_s"] = (a.finished_s or 0.0) - (b.finished_s or 0.0) if done else None
         row["extra_distance_m"] = a.distance_m - b.distance_m
-        row["extra_energy_j"] = a.energy_j - b.energy_j
+        known = a.energy_j is not None and b.energy_j is not None
+        row["extra_energy_j"] = (a.energy_j or 0.0) - (b.energy_j or 0.0) if known else None
         row["departure_m"] = float(away_m[k])
         row["departed_s"] = float(first_ns[k]) / NS_PER_S if first_ns[k] >= 0 else None
         rows.append(row)

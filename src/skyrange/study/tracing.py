@@ -36,6 +36,7 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("frame", TEXT, "", "of a frame: its id", True),
     Column("origin", TEXT, "", "of a propagation: the frame before it, by which it leads back", True),
     Column("depth", pa.int32(), "", "of a propagation: how many steps it is from the hostile act", True),
+    Column("data", TEXT, "", "of a decision or event: its details, a JSON object", True),
     Column("departure_m", pa.float64(), "m", "of an effect: how far from the twin the aircraft came at most", True),
 )
 """`labels.parquet`: a row per hostile act, per thing that came of one, and per aircraft that departed."""
@@ -173,11 +174,11 @@ def _notes(
 ) -> Iterator[dict[str, Any]]:
     """Decisions or events that hostile frames caused."""
     ids, wanted = pa.array(list(known), pa.string()), frozenset(known)
-    for batch in record.batches(table, ["time_ns", "kind", "about", "source", "causes"]):
+    for batch in record.batches(table, ["time_ns", "kind", "about", "source", "data", "causes"]):
         for row in _naming(batch, ids, wanted):
             before = known[row["origin"]]
             about = row["about"] if row["about"] in fleet else row["about"].split(".", 1)[0]
             yield _row(
                 seed, "propagation", row["time_ns"], before.attack, about if about in fleet else None, row["kind"],
-                row["source"], origin=row["origin"], depth=before.depth + 1,
+                row["source"], origin=row["origin"], depth=before.depth + 1, data=row["data"],
             )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
@@ -88,15 +89,17 @@ def steps(subject: Subject, labels: Sequence[Row]) -> str:
 def _step(row: Row, places: Mapping[str, int]) -> str:
     vehicle = row["vehicle"]
     about = words.named(places[vehicle], vehicle) if vehicle in places else words.NONE
-    what = str(row["kind"]).removeprefix("decision.").removeprefix("event.").replace("_", " ")
+    what = escape(str(row["kind"]).removeprefix("decision.").removeprefix("event.").replace("_", " "))
     if row["phase"] == "effect":
         what = f"departs from the twin, by up to {row['departure_m']:.1f} m"
+    if row["data"]:
+        what += f" {words.details(json.loads(row['data']))}"
     depth = str(row["depth"]) if row["depth"] is not None else words.NONE
     numbers = words.cells(words.quantity(row["at_ns"] / NS_PER_S, "s", 2), depth)
     css = {"onset": "bad", "propagation": "wait", "effect": "ok"}[row["phase"]]
     return (
         f'<tr><td><span class="badge {css}">{row["phase"]}</span></td><td>{escape(row["attack"] or "")}</td>'
-        f"<td>{about}</td><td>{escape(what)}</td><td class=dim>{escape(row['source'])}</td>{numbers}</tr>"
+        f"<td>{about}</td><td class="wrapped">{what}</td><td class=dim>{escape(row['source'])}</td>{numbers}</tr>"
     )
 
 

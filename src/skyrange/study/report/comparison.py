@@ -122,7 +122,7 @@ def _tiles(labels: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, A
     departed = sum(row["departed_s"] is not None for row in effects)
     delays = [row["delay_s"] for row in effects if row["delay_s"] is not None]
     longer = max((row["extra_distance_m"] for row in effects), default=None)
-    energy = max((row["extra_energy_j"] for row in effects), default=None)
+    energy = max((row["extra_energy_j"] for row in effects if row["extra_energy_j"] is not None), default=None)
     worse = sum(row["outcome"] != row["outcome_twin"] for row in effects)
     rows = [
         ("onset", words.duration(None if onset is None else onset / NS_PER_S), "the first hostile act"),

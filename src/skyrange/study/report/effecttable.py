@@ -36,8 +36,7 @@ def effects(subject: Subject, rows: Sequence[Row]) -> str:
     table = words.table(
         "Effects on each aircraft",
         ["aircraft", "mission, in the twin → attacked"],
-        ["arrival delay", "extra distance", "extra energy", "least separation", "nearest wall", "near misses",
-         "collisions", "departs at", "by at most"],
+        ["departs at", "by at most", "delay", "distance", "energy", "separation", "wall", "near misses", "collisions"],
         (_row(row, places) for row in ordered[:MOST_ROWS]),
         "tall",
     )  # fmt: skip
@@ -71,6 +70,8 @@ def _row(row: Row, places: Mapping[str, int]) -> str:
     departed = row["departed_s"]
     energy = row["extra_energy_j"]
     numbers = words.cells(
+        words.NONE if departed is None else words.quantity(departed, "s", 1),
+        words.quantity(row["departure_m"], "m", 1),
         _signed(row["delay_s"], "s", 1),
         _signed(row["extra_distance_m"], "m", 1),
         _signed(None if energy is None else energy / 1000.0, "kJ", 2),
@@ -78,8 +79,6 @@ def _row(row: Row, places: Mapping[str, int]) -> str:
         _change(row["min_wall_twin_m"], row["min_wall_m"]),
         _counts(row["near_misses_twin"], row["near_misses"]),
         _counts(row["collisions_twin"], row["collisions"]),
-        words.NONE if departed is None else words.quantity(departed, "s", 1),
-        words.quantity(row["departure_m"], "m", 1),
     )
     quiet = " class=quiet" if departed is None else ""
     name = words.named(places[row["vehicle"]], row["vehicle"])
