@@ -46,6 +46,13 @@ class Agent(Protocol):
         ...
 
 
+class Speaker(Agent, Protocol):
+    """An agent that also sends on links where its endpoint forwards, and hears nothing there."""
+
+    speaks: Sequence[Port]
+    """Those ends. What it sends there has `core.ids.own_voice` of the endpoint as its true sender."""
+
+
 class Watcher(Agent, Protocol):
     """An agent that is told where everything truly is, as what carries radio waves must be; no other may be one."""
 

@@ -23,7 +23,7 @@ from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
-from skyrange.core.ids import Port
+from skyrange.core.ids import Port, own_voice
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Lane, Mailbox, Transit
@@ -83,7 +83,8 @@ class Kernel:
         self._ended = False
         owners = [(port, seat.box) for seat in seats for port in seat.agent.ports]
         owners += [(port, berth.box) for berth in self._berths for port in berth.engine.ports]
-        attach_routes(wiring, lanes, {port for port, _ in owners})
+        self._voices = {port: own_voice(port.endpoint) for seat in seats for port in getattr(seat.agent, "speaks", ())}
+        attach_routes(wiring, lanes, {port for port, _ in owners}, self._voices)
         incoming = {Port(lane.dst, lane.link): lane for lane in lanes.values()}
         for port, box in owners:
             if port not in incoming:
@@ -287,7 +288,7 @@ class Kernel:
         singly = outbox.departures if attack is None else outbox.each(own)  # hostile frames are labelled one by one
         for port, payload, causes in singly:
             lane = self._lane(name, port)
-            frame = lane.frame(lane.src, now, payload, lane.src, lane.dst, None, causes)
+            frame = lane.frame(self._voices.get(port, lane.src), now, payload, lane.src, lane.dst, None, causes)
             if attack is not None:
                 traffic.label(Label(now, attack.id, name, "send", frame.id))
             traffic.transmit(now, lane, frame, 0)

@@ -143,8 +143,13 @@ def place_taps(wiring: Wiring, lanes: Mapping[str, Lane], attacks: Mapping[str, 
     return slots
 
 
-def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[Port]) -> None:
-    """Give each lane its routes, and fuse what may be fused. `senders` are the ports that agents own."""
+def attach_routes(
+    wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[Port], voices: Container[Port]
+) -> None:
+    """Give each lane its routes, and fuse what may be fused.
+
+    `senders` are the ports that agents own, `voices` those where they speak beside what is forwarded.
+    """
     outgoing = sending_lanes(lanes)
     incoming = {Port(lane.dst, lane.link): lane for lane in lanes.values()}
     sources: dict[str, int] = {}
@@ -174,6 +179,8 @@ def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[
             and not forward.lane.out_taps
             and forward.lane.local
             and Port(forward.lane.src, forward.lane.link) not in senders
+            # a channel with a queue or with chance of order would show that what is forwarded was sent early
+            and (forward.lane.channel.steady or Port(forward.lane.src, forward.lane.link) not in voices)
             for forward in lane.forwards
         ):
             lane.fused = lane.forwards
