@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Convert = Callable[[float, float, Floats, Floats], tuple[Floats, Floats]]
+
+Altitude = TypeVar("Altitude", float, "Floats")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,14 @@ class Origin:
     lon_deg: float
     alt_msl_m: float = 0.0
     geoid_m: float = 0.0
+
+    def ellipsoid_of(self, alt_msl_m: Altitude) -> Altitude:
+        """Height above the ellipsoid (F3411, 14 CFR 89, GNSS) of an altitude above mean sea level (MAVLink's `alt`)."""
+        return alt_msl_m + self.geoid_m
+
+    def msl_of(self, alt_geo_m: Altitude) -> Altitude:
+        """Altitude above mean sea level of a height above the ellipsoid; inverse of `ellipsoid_of`."""
+        return alt_geo_m - self.geoid_m
 
     def to_enu(self, lat_deg: ArrayLike, lon_deg: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(east_m, north_m) of points given in degrees; arrays of any one shape."""

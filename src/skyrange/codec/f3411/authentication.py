@@ -1,0 +1,51 @@
+"""How does a proof longer than one message travel? Authentication data ↔ their pages.
+
+Page 0 holds 17 bytes and says how many pages and bytes there are; pages 1…15 hold 23 each (F3411-22a,
+Authentication message). The length has 8 bits, so at most 255 bytes of data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from skyrange.codec.f3411.encode import PAGE_0_DATA, PAGE_DATA
+from skyrange.codec.f3411.messages import Authentication
+from skyrange.core.errors import DecodeError
+
+MOST_DATA = 255
+MOST_PAGES = 16
+
+
+def pages(auth_type: int, data: bytes, timestamp_s: int) -> tuple[Authentication, ...]:
+    """The messages that carry `data` (0…255 bytes, else `ValueError`); `timestamp_s` since `EPOCH_2019_S`."""
+    if len(data) > MOST_DATA:
+        raise ValueError(f"{len(data)} bytes of authentication data, at most {MOST_DATA}")
+    rest = range(PAGE_0_DATA, len(data), PAGE_DATA)
+    first = Authentication(
+        auth_type, 0, data[:PAGE_0_DATA].ljust(PAGE_0_DATA, b"\0"), len(rest), len(data), timestamp_s
+    )
+    return first, *(
+        Authentication(auth_type, page, data[at : at + PAGE_DATA].ljust(PAGE_DATA, b"\0"))
+        for page, at in enumerate(rest, start=1)
+    )
+
+
+def join(messages: Iterable[Authentication]) -> bytes:
+    """The data of all pages, in any order, each once or more often; of two that differ, the last one counts.
+
+    `DecodeError` where page 0 or another one is missing, or where they cannot hold the length they claim.
+    """
+    held = {message.page: message for message in messages}
+    first = held.get(0)
+    if first is None:
+        raise DecodeError("page 0 is missing")
+    last, length = first.last_page or 0, first.length or 0
+    if last >= MOST_PAGES:
+        raise DecodeError(f"last page {last}, at most {MOST_PAGES - 1}")
+    missing = [page for page in range(last + 1) if page not in held]
+    if missing:
+        raise DecodeError(f"pages {missing} of 0…{last} are missing")
+    data = b"".join(held[page].data for page in range(last + 1))
+    if length > len(data):
+        raise DecodeError(f"{length} bytes announced on {last + 1} pages, which hold {len(data)}")
+    return data[:length]

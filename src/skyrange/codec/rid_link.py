@@ -1,0 +1,178 @@
+"""How does a Remote ID broadcast travel on the links `rid_up` and `rid_down`? A fixed header, then one F3411 body.
+
+The header is 24 bytes, little-endian:
+
+| bytes | field | meaning |
+|---|---|---|
+| 0 | magic | 0x1D |
+| 1 | transport | `Transport` |
+| 2 | channel | Wi-Fi channel number or BLE channel index 0…39; 0xFF leaves it to the medium (`rid_up`) |
+| 3 | counter | the advertiser's message counter (F3411) |
+| 4–9 | address | MAC or advertiser address, as claimed |
+| 10–11 | rssi | signal strength in 0.01 dBm, signed; −32768 is none (`rid_up`) |
+| 12–13 | size | bytes of the body |
+| 14–15 | reserved | 0 |
+| 16–23 | time | ns of range time, signed: the message made (`rid_up`), the reception's end (`rid_down`) |
+
+The body is a message of 25 bytes or a message pack; `codec.f3411` reads it. 802.11 and BLE framing are made at the
+medium's edge (`codec.wifi`, `codec.ble`).
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from skyrange.agent.payloads import Bytes, Ints, Payloads
+from skyrange.core.compiled import kernel
+from skyrange.core.errors import DecodeError
+
+MAGIC: Final = 0x1D
+HEADER: Final = 24
+ANY_CHANNEL: Final = 0xFF
+"""The sender leaves the channel to the medium."""
+NO_RSSI: Final = -32768
+"""No signal strength: nothing was received yet."""
+
+_HEADER: Final = struct.Struct("<BBBB6shHHq")
+_ROW: Final = np.dtype(
+    [
+        ("magic", "u1"), ("transport", "u1"), ("channel", "u1"), ("counter", "u1"), ("address", "u1", (6,)),
+        ("rssi_cdbm", "<i2"), ("size", "<u2"), ("reserved", "<u2"), ("time_ns", "<i8"),
+    ]
+)  # fmt: skip
+assert _ROW.itemsize == _HEADER.size == HEADER
+
+
+class Transport(IntEnum):
+    """How a broadcast is carried over the air (F3411-22a, broadcast methods)."""
+
+    BT4 = 1
+    """Bluetooth 4 legacy advertising: one message per advertisement."""
+    BT5 = 2
+    """Bluetooth 5 Long Range extended advertising: a message pack."""
+    WIFI_BEACON = 3
+    WIFI_NAN = 4
+
+
+class RidHeader(NamedTuple):
+    """The header's fields, in its units."""
+
+    transport: int
+    channel: int = ANY_CHANNEL
+    counter: int = 0
+    address: bytes = bytes(6)
+    rssi_cdbm: int = NO_RSSI
+    time_ns: int = 0
+
+
+class RidFrame(NamedTuple):
+    """One payload of `rid_up` or `rid_down`."""
+
+    header: RidHeader
+    body: bytes
+
+
+def pack(header: RidHeader, body: bytes) -> bytes:
+    """The payload of one broadcast; `ValueError` where a field does not fit its bytes or the transport is unknown."""
+    transport = Transport(header.transport)
+    if len(header.address) != 6:
+        raise ValueError(f"address of {len(header.address)} bytes, expected 6")
+    try:
+        head = _HEADER.pack(
+            MAGIC, transport, header.channel, header.counter, header.address, header.rssi_cdbm, len(body), 0,
+            header.time_ns,
+        )  # fmt: skip
+    except struct.error as error:
+        raise ValueError(f"{header} with a body of {len(body)} bytes: {error}") from error
+    return head + body
+
+
+def unpack(payload: bytes) -> RidFrame:
+    """What `pack` was given, or `DecodeError`; the body is not looked into."""
+    if len(payload) < HEADER:
+        raise DecodeError(f"{len(payload)} bytes, a broadcast on rid_up or rid_down has at least {HEADER}")
+    magic, transport, channel, counter, address, rssi_cdbm, size, _, time_ns = _HEADER.unpack_from(payload)
+    if magic != MAGIC:
+        raise DecodeError(f"first byte 0x{magic:02x}, expected 0x{MAGIC:02x}")
+    if not Transport.BT4 <= transport <= Transport.WIFI_NAN:
+        raise DecodeError(f"transport {transport}, expected 1…4")
+    if size != len(payload) - HEADER:
+        raise DecodeError(f"a body of {len(payload) - HEADER} bytes, but the header announces {size}")
+    return RidFrame(RidHeader(transport, channel, counter, address, rssi_cdbm, time_ns), payload[HEADER:])
+
+
+class RidColumns(NamedTuple):
+    """Many payloads of `rid_up` or `rid_down`: one row each, in their order, zeros where `good` is false."""
+
+    good: NDArray[np.bool_]
+    """(n,) whether `unpack` would accept the payload."""
+    transport: NDArray[np.uint8]
+    channel: NDArray[np.uint8]
+    counter: NDArray[np.uint8]
+    address: NDArray[np.uint8]
+    """(n, 6)"""
+    rssi_cdbm: NDArray[np.int16]
+    time_ns: Ints
+    bodies: Payloads
+    """n bodies in the payloads' own buffer, empty where not good."""
+
+
+@kernel
+def _lay(heads: Bytes, data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
+    """Copy row i of `heads` (n*24 bytes) and then body i to `places[i]` of `out`."""
+    for row in range(starts.shape[0]):
+        at = places[row]
+        for offset in range(24):
+            out[at + offset] = heads[row * 24 + offset]
+        at += 24
+        for offset in range(sizes[row]):
+            out[at + offset] = data[starts[row] + offset]
+
+
+def pack_rows(
+    transport: ArrayLike, channel: ArrayLike, counter: ArrayLike, address: ArrayLike, rssi_cdbm: ArrayLike,
+    time_ns: ArrayLike, bodies: Payloads,
+) -> Payloads:  # fmt: skip
+    """`pack` for every body; the others are one value, or one per body ((n, 6) uint8 for `address`)."""
+    count = len(bodies)
+    heads = np.zeros(count, dtype=_ROW)
+    heads["magic"] = MAGIC
+    heads["transport"] = transport
+    heads["channel"] = channel
+    heads["counter"] = counter
+    heads["address"] = address
+    heads["rssi_cdbm"] = rssi_cdbm
+    heads["size"] = bodies.sizes
+    heads["time_ns"] = time_ns
+    sizes = bodies.sizes + HEADER
+    places = np.cumsum(sizes) - sizes
+    out = np.empty(int(sizes.sum()), dtype=np.uint8)
+    _lay(heads.view(np.uint8), bodies.data, bodies.starts, bodies.sizes, out, places)
+    return Payloads(out, places, sizes)
+
+
+def read_rows(payloads: Payloads) -> RidColumns:
+    """`unpack` for every payload; a bad one is marked, and the others are not held up."""
+    count = len(payloads)
+    rows: NDArray[Any] = np.zeros(count, dtype=_ROW)
+    whole = np.flatnonzero(payloads.sizes >= HEADER)
+    raw = payloads.data[payloads.starts[whole, None] + np.arange(HEADER)]
+    rows[whole] = np.ascontiguousarray(raw).view(_ROW)[:, 0]
+    good = (
+        (rows["magic"] == MAGIC)
+        & (rows["transport"] >= Transport.BT4)
+        & (rows["transport"] <= Transport.WIFI_NAN)
+        & (rows["size"] == payloads.sizes - HEADER)
+    )
+    rows[~good] = np.zeros((), dtype=_ROW)
+    starts = np.where(good, payloads.starts + HEADER, payloads.starts)
+    bodies = Payloads(payloads.data, starts, rows["size"].astype(np.int64))
+    return RidColumns(
+        good, rows["transport"], rows["channel"], rows["counter"], rows["address"], rows["rssi_cdbm"],
+        rows["time_ns"], bodies,
+    )  # fmt: skip
