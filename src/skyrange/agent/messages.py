@@ -83,6 +83,16 @@ class Inbox(Sequence[Arrival]):
     def __len__(self) -> int:
         return self._count
 
+    @property
+    def singles(self) -> Sequence[Arrival]:
+        """What came frame by frame: numbers 0… of `Columns.order`."""
+        return self._singles
+
+    @property
+    def blocks(self) -> Sequence[FrameBlock]:
+        """What came in blocks: the numbers behind the singles, row by row."""
+        return self._blocks
+
     @overload
     def __getitem__(self, index: int) -> Arrival: ...
     @overload

@@ -113,8 +113,8 @@ def first_place(
     if beside.size:
         nodes = np.vstack((nodes, _around(walls, beside, here, nodes[1], z, limits)))
     free = np.empty(len(nodes))
-    for n, place in enumerate(nodes.tolist()):
-        free[n] = clearance(walls, near, *place, limits.wall_m) if near.size else limits.wall_m
+    for n, (east, north, up) in enumerate(nodes.tolist()):
+        free[n] = clearance(walls, near, east, north, up, limits.wall_m) if near.size else limits.wall_m
     if free[0] <= 0.0:
         return None, False
     course = nodes[1, :2] - here[:2]
