@@ -91,7 +91,7 @@ def _dijkstra(
                 horizon_s,
             ):  # fmt: skip
                 continue
-            margin = 0.98 * min(free[here], free[n])
+            margin = (0.8 if here == 0 else 0.98) * min(free[here], free[n])
             if leg_clear(
                 walls, near, nodes[here, 0], nodes[here, 1], nodes[here, 2], nodes[n, 0], nodes[n, 1], nodes[n, 2],
                 margin,
@@ -107,7 +107,7 @@ def first_place(
     Beyond `Limits.reach_m` it is enough to come back to the leg from `anchor` to the goal.
     """
     here, z = np.array(own.pos_enu_m), own.pos_enu_m[2]
-    nodes = _places(own, anchor, tracks, limits, radius_m)
+    nodes, on_leg = _places(own, anchor, tracks, limits, radius_m)
     near = nearby(walls, nodes, limits.reach_m if len(walls.box) else 0.0) if len(walls.box) else _NONE
     beside = near[(walls.box[near, 5] > z - limits.wall_m) & (walls.box[near, 4] < z + limits.wall_m)]
     if beside.size:
@@ -117,8 +117,11 @@ def first_place(
         free[n] = clearance(walls, near, east, north, up, limits.wall_m) if near.size else limits.wall_m
     if free[0] <= 0.0:
         return None, False
-    course = nodes[1, :2] - here[:2]
+    # the mission's own places may be near a wall; others have to keep their distance
+    free[on_leg:][free[on_leg:] < limits.wall_m] = 0.0
     away = nodes[:, :2] - here[:2]
+    free[2:][away[2:, 0] ** 2 + away[2:, 1] ** 2 <= limits.arrive_m**2] = 0.0  # it is there already
+    course = nodes[1, :2] - here[:2]
     to_left = course[0] * away[:, 1] - course[1] * away[:, 0] > 1e-6 * max(float(np.abs(course).max()), 1.0)
     came = np.zeros(len(nodes), dtype=np.int64)
     found = _dijkstra(
@@ -138,8 +141,8 @@ def first_place(
 _NONE = np.zeros(0, dtype=np.int64)
 
 
-def _places(own: Own, anchor: Vector, tracks: Tracks, limits: Limits, radius_m: float) -> Floats:
-    """Oneself, the end, places on the mission's leg, the fan, the rings: (n, 3)."""
+def _places(own: Own, anchor: Vector, tracks: Tracks, limits: Limits, radius_m: float) -> tuple[Floats, int]:
+    """Oneself, the end, places on the mission's leg, the fan, the rings: (n, 3), and how many the first three are."""
     here, goal = np.array(own.pos_enu_m), np.array(own.goal_enu_m)
     begin = np.array(anchor)
     leg = goal - begin
@@ -147,14 +150,17 @@ def _places(own: Own, anchor: Vector, tracks: Tracks, limits: Limits, radius_m: 
     away = goal - here
     far = math.sqrt(away[0] * away[0] + away[1] * away[1]) > limits.reach_m
     along: list[Floats] = []
+    last = length
+    unit = leg / max(length, 1e-9)
     if length > _STEP_M:
-        unit = leg / length
         past = here - begin
         passed = float(past[0] * unit[0] + past[1] * unit[1] + past[2] * unit[2])
         last = passed + limits.reach_m if far else length
+        while last < length and _taken(begin + unit * last, tracks, limits, radius_m):
+            last += _STEP_M
         steps = np.arange(max(passed, 0.0) + _STEP_M, min(last, length), _STEP_M)
         along = [begin + unit * step for step in steps.tolist()]
-    end = along.pop() if far and along else goal
+    end = begin + unit * last if last < length else goal
     course = math.atan2(end[1] - here[1], end[0] - here[0])
     fan = []
     for degrees in _FAN_DEG:
@@ -166,14 +172,24 @@ def _places(own: Own, anchor: Vector, tracks: Tracks, limits: Limits, radius_m: 
     standing = []
     for (east, north, _), (vx, vy, _) in zip(tracks.pos_enu_m.tolist(), tracks.vel_enu_mps.tolist(), strict=True):
         away_m = math.hypot(east - here[0], north - here[1])
-        if away_m < limits.reach_m and math.hypot(vx, vy) < limits.standing_mps:
+        if math.hypot(vx, vy) < limits.standing_mps:
             standing.append((away_m + math.hypot(end[0] - east, end[1] - north), east, north))
     for _, east, north in sorted(standing)[:_MOST_RINGS]:  # those nearest to the straight way
         for side in range(_SIDES):
             angle = course + (side + 0.5) * 2.0 * math.pi / _SIDES
             fan.append((east + ring_m * math.cos(angle), north + ring_m * math.sin(angle)))
     level = [(x, y, here[2]) for x, y in fan]
-    return np.array([here, end, *along, *level])
+    return np.array([here, end, *along, *level]), 2 + len(along)
+
+
+def _taken(place: Floats, tracks: Tracks, limits: Limits, radius_m: float) -> bool:
+    """Whether somebody stands there."""
+    for (east, north, up), (vx, vy, _) in zip(tracks.pos_enu_m.tolist(), tracks.vel_enu_mps.tolist(), strict=True):
+        level = math.isnan(up) or abs(up - place[2]) < limits.protected_up_m
+        close = math.hypot(east - place[0], north - place[1]) < radius_m * _ROOM
+        if level and close and math.hypot(vx, vy) < limits.standing_mps:
+            return True
+    return False
 
 
 def _around(walls: Walls, near: Ints, here: Floats, end: Floats, up_m: float, limits: Limits) -> Floats:
@@ -182,4 +198,5 @@ def _around(walls: Walls, near: Ints, here: Floats, end: Floats, up_m: float, li
     found = room[: corners(walls, near, 1.6 * limits.wall_m, room)]  # 1.6: a right angle leaves 1.13 wall_m each way
     detour = np.hypot(*(found - here[:2]).T) + np.hypot(*(found - end[:2]).T)
     kept = np.argsort(detour, kind="stable")[:_MOST_CORNERS]
+    kept = kept[detour[kept] <= math.hypot(*(end[:2] - here[:2]).tolist()) + 2.0 * limits.reach_m]
     return np.column_stack((found[kept], np.full(len(kept), up_m)))

@@ -8,6 +8,7 @@ companion yields at once, commands nothing, and waits before it acts again.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -22,6 +23,8 @@ SHOWN_NS: Final[Time] = 5 * NS_PER_S // 2
 TRIES: Final = 3
 YIELD_NS: Final[Time] = 10 * NS_PER_S
 """How long it does nothing after somebody else took over."""
+SAME_M: Final = 0.5
+"""Nearer to each other than that, two waypoints are one."""
 TELL_NS: Final[Time] = 3 * NS_PER_S
 """A waypoint is sent again, for what is not acknowledged may be lost."""
 
@@ -113,9 +116,10 @@ class Guard:
             self.goal_enu_m = goal_enu_m
             order.mode, order.note = GUIDED, "decision.avoid"
         told = (action, decision.waypoint_enu_m)
-        if told == self.told and now - self.told_ns < TELL_NS:
-            return order if order.mode is not None else None
-        if told != self.told:
+        same = self.told is not None and self.told[0] is action and _near(self.told[1], told[1])
+        if same and now - self.told_ns < TELL_NS:
+            return None
+        if not same:
             order.note = "decision.avoid"
         order.place, order.stop = decision.waypoint_enu_m, action is Action.STOP
         self.told, self.told_ns = told, now
@@ -125,3 +129,8 @@ class Guard:
         self.hold, self.episode, self.told = Hold.MISSION, None, None
         self.left_ns, self.quiet_until_ns = now, now + YIELD_NS
         return Order(note=note)
+
+
+def _near(one: Vector | None, two: Vector | None) -> bool:
+    """Whether two waypoints are the same to the autopilot."""
+    return one == two if one is None or two is None else math.dist(one, two) < SAME_M
