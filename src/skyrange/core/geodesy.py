@@ -59,13 +59,15 @@ class Origin:
 
     def enu_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """`to_enu` for one point."""
-        east, north = self.to_enu([lat_deg], [lon_deg])
-        return float(east[0]), float(north[0])
+        from skyrange.core import projection
+
+        return projection.enu_of(self.lat_deg, self.lon_deg, float(lat_deg), float(lon_deg))
 
     def geodetic_of(self, east_m: float, north_m: float) -> tuple[float, float]:
         """`to_geodetic` for one point."""
-        lat, lon = self.to_geodetic([east_m], [north_m])
-        return float(lat[0]), float(lon[0])
+        from skyrange.core import projection
+
+        return projection.geodetic_of(self.lat_deg, self.lon_deg, float(east_m), float(north_m))
 
 
 def _pointwise(
