@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 from heapq import heappush
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import MIN_LATENCY_NS, AttackPlan
+from skyrange.agent.links import MIN_LATENCY_NS
 from skyrange.agent.messages import Arrival
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
@@ -25,6 +25,9 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.express import Express, Landing
 from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
+
+if TYPE_CHECKING:
+    from skyrange.kernel.stages import Stage
 
 _DELIVERY = int(Phase.DELIVERY)
 _WAKEUP = int(Phase.WAKEUP)
@@ -53,7 +56,7 @@ def _number(lane: Lane) -> int:
     return lane.number
 
 
-def acts(attack: AttackPlan | None, now: Time) -> bool:
+def acts(attack: Stage | None, now: Time) -> bool:
     """Whether what a tap or agent of `attack` puts out counts: always without one."""
     return attack is None or (not attack.muted and attack.start_ns <= now < attack.stop_ns)
 

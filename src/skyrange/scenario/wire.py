@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from skyrange.agent.contracts import Agent
-from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
+from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
 from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, find
+from skyrange.attack.contract import Aircraft, Setting, Transmitter
 from skyrange.city.city import City
 from skyrange.codec.missions import format_waypoints
 from skyrange.core.chance import Chance
@@ -23,6 +24,7 @@ from skyrange.gcs.flights import Flight
 from skyrange.gcs.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Wiring
+from skyrange.scenario.attacks import make_attacks, radio_faults
 from skyrange.scenario.check import check
 from skyrange.scenario.emit import to_toml
 from skyrange.scenario.flight import flight_plan
@@ -52,6 +54,8 @@ class Rig:
     """The manifest's part that is known before the run."""
     attachments: dict[str, bytes]
     """Files of the run folder by name: the scenario, the missions and the city as flown."""
+    radios: list[Transmitter]
+    """The attackers' nodes in the medium."""
 
 
 def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequence[AttackPlan] = ()) -> Rig:
@@ -61,12 +65,14 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
-    faults = check(scenario, city)
+    links, all_routes = _network(scenario)
+    made = make_attacks(scenario.attacks, setting_of(scenario, links))
+    faults = [*check(scenario, city), *made.faults, *(radio_faults(made.radios, city) if city is not None else ())]
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
+    links += made.links
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
     plans = {vehicle_id(operator.id, vehicle.id): flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet}
-    links, all_routes = _network(scenario)
     world, engines = _aircraft(scenario, city, chance)
     agents: list[Agent] = [*_approvals(scenario)]
     for operator in scenario.operators:
@@ -86,8 +92,8 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
         links=links,
         routes=all_routes,
         agents=agents,
-        taps=taps,
-        attacks=attacks,
+        taps=[*made.taps, *taps],
+        attacks=[*made.plans, *attacks],
         world=world,
         engines=engines,
     )
@@ -96,8 +102,27 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        _header(scenario, city, links, plans),
+        _header(scenario, city, links, plans) | {"attacks": made.rows},
         _attachments(scenario, plans, city),
+        made.radios,
+    )
+
+
+def setting_of(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
+    """What attacks are told; the id, schedule and sham of each are its own."""
+    vehicles = {}
+    for operator, vehicle in scenario.fleet:
+        key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
+        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), key[-20:])
+    return Setting(
+        id="",
+        vehicles=vehicles,
+        links=[spec.name for spec in links],
+        origin=scenario.origin.datum,
+        epoch=scenario.epoch,
+        chance=Chance(scenario.seed),
+        duration_ns=from_seconds(scenario.duration_s),
+        schedule=Schedule(),
     )
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from skyrange.testing.agents import AGENT
 from skyrange.testing.approvals import APPROVAL
+from skyrange.testing.attacks import ATTACK
 from skyrange.testing.engines import ENGINE
 from skyrange.testing.rules import RuleBook
 from skyrange.testing.taps import TAP
@@ -15,6 +16,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Taps: `check_tap`": TAP,
     "Autopilot engines: `check_engine`": ENGINE,
     "Approvals: `check_approval`": APPROVAL,
+    "Attacks: `check_attack`": ATTACK,
 }
 _HEAD = """\
 # Conformance rules
