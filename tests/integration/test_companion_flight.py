@@ -1,4 +1,4 @@
-"""A companion in a kernel with real autopilots and ground stations; the radio is one where everybody hears everybody."""
+"""A companion in a kernel with autopilots and ground stations; by radio everybody hears everybody."""
 
 from __future__ import annotations
 

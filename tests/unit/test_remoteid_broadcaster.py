@@ -69,7 +69,10 @@ def gps(fix: int = 3, **more: int) -> Any:
 
 
 def position(now: Time, **more: int) -> Any:
-    fields = dict(lat=407_780_000, lon=-739_550_000, alt=62_000, relative_alt=50_000, vx=300, vy=-400, vz=-100) | more
+    fields = {
+        "lat": 407_780_000, "lon": -739_550_000, "alt": 62_000, "relative_alt": 50_000, "vx": 300, "vy": -400,
+        "vz": -100,
+    } | more  # fmt: skip
     return mav.MAVLink_global_position_int_message(now // 1_000_000, **fields, hdg=0)
 
 
@@ -221,8 +224,15 @@ def test_take_off_location_stands_for_a_control_station_that_is_not_known() -> N
 def kinds_sent(profile: str, *transports: str, seconds: int = 12) -> dict[tuple[int, int], list[Time]]:
     """When each message went out by each transport."""
     aircraft = Aircraft(
-        Broadcast("blue/b1", profile=profile, transports=transports, operator_place=STATION, operator_id="OP1", text="survey")
-    )  # fmt: skip
+        Broadcast(
+            "blue/b1",
+            profile=profile,
+            transports=transports,
+            operator_place=STATION,
+            operator_id="OP1",
+            text="survey",
+        )
+    )
     found: dict[tuple[int, int], list[Time]] = {}
     for now, _, frame in aircraft.sent(seconds * NS_PER_S):
         if frame.header.transport == Transport.BT4:

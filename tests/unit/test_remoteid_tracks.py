@@ -186,6 +186,10 @@ def test_a_book_of_references_gives_back_the_frames() -> None:
     inbox = Inbox([Arrival(port, 0, b"", "oracle", ref) for ref in refs])
     book = RefBook()
     number, serial = book.read(inbox, np.array([2, 0, 1]))
-    assert [book.id(*pair) for pair in zip(number.tolist(), serial.tolist(), strict=True)] == [refs[2], refs[0], refs[1]]
+    assert [book.id(*pair) for pair in zip(number.tolist(), serial.tolist(), strict=True)] == [
+        refs[2],
+        refs[0],
+        refs[1],
+    ]
     assert book.id(NO_REF, 0) is None
     assert copy.deepcopy(book).id(int(number[0]), 7) == FrameId(port.link, "fwd", "oracle", 7)

@@ -32,9 +32,7 @@ def on_arm_status(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, 
     craft.rid_error = "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def troubles(
-    fleet: Fleet, rows: NDArray[np.int64]
-) -> Iterator[tuple[NDArray[np.bool_], str | Callable[[Craft], str]]]:
+def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.bool_], str | Callable[[Craft], str]]]:
     """Which of some rows may not be armed, and why."""
     settings, watch = fleet.settings, fleet.watch
     asked = settings["DID_OPTIONS"][rows].astype(np.int64) & _ENFORCE != 0
