@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyrange.agent.blocks import Lanes
-from skyrange.agent.messages import Inbox
+from skyrange.agent.messages import Inbox, Parents
 from skyrange.agent.payloads import Ints
 from skyrange.core.ids import FrameId
 
@@ -41,6 +41,10 @@ class RefBook:
             numbers[part], serials[part] = self._lane_numbers(block.lanes, block.lane), block.serial
             at += len(block)
         return numbers[order], serials[order]
+
+    def parents(self, numbers: Ints, serials: Ints) -> Parents:
+        """The same frames as what a block is made of; none of them `NO_REF`."""
+        return Parents(self._names, numbers, serials)
 
     def id(self, number: int, serial: int) -> FrameId | None:
         """The frame, `None` for `NO_REF`."""

@@ -297,8 +297,8 @@ class Kernel:
             if numbers is None:
                 numbers = np.array([self._lane(name, port).number for port in own], dtype=np.int64)
                 self._lane_numbers[name] = numbers
-            for places, payloads in outbox.blocks:
-                traffic.transmit_block(now, numbers[places], payloads)
+            for places, payloads, parents in outbox.blocks:
+                traffic.transmit_block(now, numbers[places], payloads, parents)
 
     def _lane(self, name: str, port: Port) -> Lane:
         lane = self._ports.get(port)

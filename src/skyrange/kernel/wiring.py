@@ -42,13 +42,13 @@ class Wiring:
     seed: int
     links: Sequence[LinkSpec]
     agents: Sequence[Agent] = ()
-    watchers: Sequence[Watcher] = ()
-    """Agents too, which also see the world."""
     routes: Sequence[Route] = ()
     taps: Sequence[TapPlacement] = ()
     attacks: Sequence[AttackPlan] = ()
     world: World | None = None
     engines: Sequence[EngineMount] = ()
+    watchers: Sequence[Watcher] = ()
+    """Agents too, which also see the world."""
     local: Container[str] | None = None
     """The endpoints that live in this kernel; `None` for all. Frames for others leave as `Transit`s."""
     fuse: bool = True
@@ -143,9 +143,7 @@ def place_taps(wiring: Wiring, lanes: Mapping[str, Lane], attacks: Mapping[str, 
     return slots
 
 
-def attach_routes(
-    wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[Port], voices: Container[Port]
-) -> None:
+def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[Port], voices: Container[Port]) -> None:
     """Give each lane its routes, and fuse what may be fused.
 
     `senders` are the ports that agents own, `voices` those where they speak beside what is forwarded.

@@ -99,7 +99,7 @@ def _step(row: Row, places: Mapping[str, int]) -> str:
     css = {"onset": "bad", "propagation": "wait", "effect": "ok"}[row["phase"]]
     return (
         f'<tr><td><span class="badge {css}">{row["phase"]}</span></td><td>{escape(row["attack"] or "")}</td>'
-        f"<td>{about}</td><td class="wrapped">{what}</td><td class=dim>{escape(row['source'])}</td>{numbers}</tr>"
+        f"<td>{about}</td><td class=wrapped>{what}</td><td class=dim>{escape(row['source'])}</td>{numbers}</tr>"
     )
 
 
