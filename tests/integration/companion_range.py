@@ -16,7 +16,6 @@ from skyrange.codec import rid_link
 from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, Status, UaType, encode
 from skyrange.codec.rid_link import RidHeader, Transport
 from skyrange.core.chance import Chance
-from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.gcs import plans
@@ -158,8 +157,6 @@ def wired(
     params: dict[str, float] | None = None,
     broadcast: dict[str, Any] | None = None,
     seed: int = 3,
-    extra: Sequence[Any] = (),
-    extra_links: Sequence[LinkSpec] = (),
 ) -> Flown:
     """Aircraft of operator blue with autopilots, a ground station and companions."""
     chance = Chance(seed)
@@ -178,8 +175,14 @@ def wired(
     companion = Companion(
         "companions",
         [
-            CompanionSpec(s.vehicle, s.system_id, Broadcast(s.vehicle, operator_place=place, **(broadcast or {})), one, CRUISE_MPS)
-            for s in specs
+            CompanionSpec(
+                spec.vehicle,
+                spec.system_id,
+                Broadcast(spec.vehicle, operator_place=place, **(broadcast or {})),
+                one,
+                CRUISE_MPS,
+            )
+            for spec in specs
         ],
         ORIGIN,
         chance,
@@ -188,16 +191,12 @@ def wired(
     all_links = [link for name in names for link in links(name, "blue")]
     all_links.append(LinkSpec("approval:blue", "blue.gcs", "approval", Channel("reliable", 25 * NS_PER_MS)))
     wiring = Wiring(
-        seed,
-        [*all_links, *extra_links],
-        [station, FlightApproval(["blue"], EPOCH, ApproveAll()), companion, oracle, *extra],
-        [route for name in names for route in routes(name)],
+        seed=seed,
+        links=all_links,
+        agents=[station, FlightApproval(["blue"], EPOCH, ApproveAll()), companion, oracle],
+        routes=[route for name in names for route in routes(name)],
         world=world,
         engines=[EngineMount(engine, slice(None))],
     )
     notes = Notes()
     return Flown(Kernel(wiring, [notes]), notes, companion, oracle, station, wiring)
-
-
-def origin() -> Origin:
-    return ORIGIN

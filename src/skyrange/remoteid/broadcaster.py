@@ -124,11 +124,12 @@ class Broadcaster:
         return (np.concatenate(places), Payloads.join(payloads)) if places else None
 
     def _advance(self, rows: Ints, each: Cycle, now: Time) -> None:
-        """The next slot of those that have just sent; whole periods that were missed are left out."""
+        """The next slot of those that have just sent; who was left alone for a period does not catch up."""
         offsets = np.array([part.offset_ns for part in each.slots], dtype=np.int64)
         slot = (self._slot[rows] + 1) % len(offsets)
         begin = self._begin_ns[rows] + np.where(slot == 0, each.period_ns, 0)
-        begin += np.maximum(now - begin - offsets[slot], 0) // each.period_ns * each.period_ns
+        late = now - begin - offsets[slot]
+        begin += np.where(late >= each.period_ns, (late // each.period_ns + 1) * each.period_ns, 0)
         self._slot[rows], self._begin_ns[rows], self.due_ns[rows] = slot, begin, begin + offsets[slot]
 
     def _frames(self, rows: Ints, transport: int, messages: tuple[int, ...], now: Time, table: Any) -> Payloads:

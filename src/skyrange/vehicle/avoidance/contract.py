@@ -1,7 +1,7 @@
 """What is asked of an avoidance, and what does it answer? Own state, tracks and what goes on → a decision.
 
 An avoidance is a plain object: `decide` is a pure function, and what must outlive a call (an `Episode`) is handed in
-and handed back. Kinds are plugins of `skyrange.avoidance`, made by `factory(city, **settings)`.
+and handed back. Kinds are plugins of `skyrange.avoidance`: classes, made with a city (or None) and `Limits`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from skyrange.agent.settings import Number, Params
 from skyrange.core.time import NEVER, Time
 
 Floats = NDArray[np.float64]
@@ -34,40 +36,58 @@ class Action(StrEnum):
     """Go home: it has waited long enough."""
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(Params):
     """The parameters of all kinds. Defaults suit a small multirotor at 10 m/s; none comes from a regulation.
 
-    `docs/explanation/detect-and-avoid.md` says what each does to the separation that is held.
+    `docs/explanation/detect-and-avoid.md` says what they do to the separation that is held.
     """
 
-    protected_m: float = 20.0
-    """Radius of the upright cylinder around another aircraft that is kept out of."""
-    protected_up_m: float = 12.0
-    """Half its height."""
-    look_ahead_s: float = 12.0
-    """A conflict is an entry into the cylinder within so long, both flying straight on."""
-    margin: float = 1.25
-    """To go on with the mission, the cylinder and the look-ahead must be clear at this many times their size."""
-    clear_s: float = 1.5
-    """The way must have been clear for so long before the mission is resumed."""
-    commit_s: float = 1.0
-    """A waypoint is not exchanged for another one sooner."""
-    standing_mps: float = 1.0
-    """What moves slower stands: it is expected to be there still when one comes by, however late."""
-    patience_s: float = 30.0
-    """After so long without a way the radius shrinks to `least_m`."""
-    least_m: float = 8.0
-    give_up_s: float = 120.0
-    """After so long without a way the aircraft returns home."""
-    longest_s: float = 300.0
-    """So does one that has been avoiding for so long."""
-    wall_m: float = 4.0
-    """Kept from walls and roofs, but for places that are nearer to them from the start."""
-    reach_m: float = 200.0
-    """How far around a way past others is looked for."""
-    arrive_m: float = 3.0
-    """A waypoint counts as reached within."""
+    protected_m: Number = Field(
+        default=20.0,
+        gt=0,
+        le=1000,
+        description="Radius in metres of the upright cylinder around others that is kept out of.",
+    )
+    protected_up_m: Number = Field(
+        default=12.0, gt=0, le=500, description="Half the height of that cylinder in metres."
+    )
+    look_ahead_s: Number = Field(
+        default=12.0, gt=0, le=120, description="Seconds within which entering the cylinder is a conflict."
+    )
+    margin: Number = Field(
+        default=1.25, ge=1, le=5, description="Times the cylinder's size that must be clear before the mission goes on."
+    )
+    clear_s: Number = Field(
+        default=1.5,
+        ge=0,
+        le=60,
+        description="Seconds for which the way must have been clear before the mission goes on.",
+    )
+    commit_s: Number = Field(
+        default=1.0, ge=0, le=60, description="Seconds before which a waypoint is not exchanged for another."
+    )
+    standing_mps: Number = Field(
+        default=1.0, ge=0, le=10,
+        description="Speed in m/s below which another stands: it is expected to be there still, however late.",
+    )  # fmt: skip
+    patience_s: Number = Field(
+        default=30.0, ge=0, le=3600, description="Seconds without a way after which the radius shrinks to least_m."
+    )
+    least_m: Number = Field(default=8.0, gt=0, le=1000, description="Radius in metres after patience_s without a way.")
+    give_up_s: Number = Field(
+        default=120.0, gt=0, le=3600, description="Seconds without a way after which it returns home."
+    )
+    longest_s: Number = Field(
+        default=300.0, gt=0, le=36_000, description="Seconds of avoiding after which it returns home in any case."
+    )
+    wall_m: Number = Field(
+        default=4.0, gt=0, le=15,
+        description="Metres kept from walls and roofs, but for places of the mission that are nearer to them.",
+    )  # fmt: skip
+    reach_m: Number = Field(
+        default=200.0, ge=20, le=2000, description="Metres around within which a way past others is looked for."
+    )
+    arrive_m: Number = Field(default=3.0, gt=0, le=50, description="Metres within which a waypoint counts as reached.")
 
 
 class Own(NamedTuple):

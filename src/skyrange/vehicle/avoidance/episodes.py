@@ -10,31 +10,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import Any, Final
 
 from skyrange.city.city import City
-from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.time import Time, from_seconds
 from skyrange.vehicle.avoidance.conflicts import in_the_way, towards
 from skyrange.vehicle.avoidance.contract import KEEP, Action, Decision, Episode, Limits, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.walls import straight, walls_of
-
-_FIELDS: Final = tuple(Limits.__dataclass_fields__)
-
-
-def limits_of(who: str, settings: dict[str, Any]) -> Limits:
-    """`Limits` with some of its fields set. Raises `InputError` for what is unknown or no positive number."""
-    faults = []
-    for key, value in settings.items():
-        if key not in _FIELDS:
-            faults.append(Fault(key, repr(value), "a parameter of avoidance", nearest(key, _FIELDS)))
-        elif isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < 1e6:
-            faults.append(Fault(key, repr(value), "a positive number"))
-    if not faults and settings.get("margin", 1.0) < 1.0:
-        faults.append(Fault("margin", repr(settings["margin"]), "at least 1"))
-    if faults:
-        raise InputError(f"avoidance {who}", faults)
-    return Limits(**{key: float(value) for key, value in settings.items()})
 
 
 class Episodic(ABC):
@@ -42,9 +23,9 @@ class Episodic(ABC):
 
     kind = ""
 
-    def __init__(self, city: City | None = None, **settings: Any) -> None:
-        """`settings` are fields of `Limits`. Raises `InputError`."""
-        self.limits = limits_of(self.kind, settings)
+    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
+        """Without a city the country is open."""
+        self.limits = limits or Limits()
         self.walls = walls_of(city)
 
     @abstractmethod
