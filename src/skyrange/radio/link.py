@@ -1,0 +1,114 @@
+"""How strong is one radio's signal at another? Everything between two antennas, put together; and who is in reach."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyrange.agent.air import Floats
+from skyrange.core.compiled import kernel
+from skyrange.radio.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
+from skyrange.radio.propagation import dipole_dbi, open_db, wavelength_m
+from skyrange.radio.sightlines import Skyline, obstruction_db
+from skyrange.radio.table import Air, Radios
+
+SILENT: Final = -math.inf
+HIDDEN_DB: Final = 6.0
+"""From this loss on a path is out of sight: an edge exactly on the line costs 6 dB."""
+BUCKET_M: Final = 400.0
+
+
+class Setting(NamedTuple):
+    """What holds for the whole medium, for kernels."""
+
+    seed: np.uint64
+    horizon_m: float
+    chance: bool
+    """Whether there is shadowing and fading."""
+    busy: float
+    """The city's own load: share of time, and its mean strength at any receiver."""
+    busy_mw: float
+    every_pair: bool
+
+
+@kernel
+def antenna_dbi(radios: Radios, i: int, sine: float) -> float:
+    """Gain of a radio's antenna towards an elevation."""
+    pattern = dipole_dbi(sine) if radios.antenna[i] == 1 else 0.0
+    return radios.gain_dbi[i] + pattern
+
+
+@kernel
+def arriving_dbm(
+    setting: Setting,
+    sky: Skyline,
+    radios: Radios,
+    pos: Floats,
+    vel: Floats,
+    sender: int,
+    receiver: int,
+    power_dbm: float,
+    centre: float,
+    time_ns: int,
+    floor_dbm: float,
+) -> float:
+    """Power at the receiver's input; `SILENT` where its mean is below `floor_dbm`, or there is no radio."""
+    ax, ay, az = pos[sender, 0], pos[sender, 1], pos[sender, 2]
+    bx, by, bz = pos[receiver, 0], pos[receiver, 1], pos[receiver, 2]
+    dx, dy, dz = bx - ax, by - ay, bz - az
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if not distance <= setting.horizon_m:  # not a number, too
+        return SILENT
+    wavelength = wavelength_m(centre)
+    sine = dz / distance if distance > 0.0 else 0.0
+    mean = power_dbm + antenna_dbi(radios, sender, sine) + antenna_dbi(radios, receiver, -sine)
+    mean -= open_db(distance, az, bz, wavelength)
+    if mean < floor_dbm:
+        return SILENT
+    loss = obstruction_db(sky, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
+    if loss > mean - floor_dbm:
+        return SILENT
+    mean -= loss
+    if not setting.chance:
+        return mean
+    hidden = loss >= HIDDEN_DB
+    pair = pair_of(radios.who[sender], radios.who[receiver])
+    side = cell_side_m(hidden)
+    near, far = cell_of(ax, ay, az, side), cell_of(bx, by, bz, side)
+    if radios.who[receiver] < radios.who[sender]:
+        near, far = far, near
+    mean += shadow_db(setting.seed, pair, near, far, max(min(az, bz), 0.0), hidden)
+    ux = vel[receiver, 0] - vel[sender, 0]
+    uy = vel[receiver, 1] - vel[sender, 1]
+    uz = vel[receiver, 2] - vel[sender, 2]
+    bin_ns = coherence_ns(math.sqrt(ux * ux + uy * uy + uz * uz), wavelength)
+    return mean + fade_db(setting.seed, pair, time_ns, bin_ns, centre, hidden)
+
+
+@kernel
+def reach_m(setting: Setting, radios: Radios, power_dbm: float, floor_dbm: float, centre: float) -> float:
+    """How far a signal can be above a floor at the best receiver, in free space."""
+    budget = power_dbm + 2.0 * max(radios.best_dbi, 0.0) - floor_dbm
+    return min(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget), setting.horizon_m)
+
+
+@kernel
+def bucket(column: int, row: int, mask: int) -> int:
+    """Where the radios of a square of the plane are listed."""
+    return (column * 73856093 ^ row * 19349663) & mask
+
+
+@kernel
+def sort(air: Air, pos: Floats) -> None:
+    """List all radios by place."""
+    air.head[:] = -1
+    mask = air.head.shape[0] - 1
+    for i in range(pos.shape[0] - 1, -1, -1):
+        x, y = pos[i, 0] / BUCKET_M, pos[i, 1] / BUCKET_M
+        if not (abs(x) < 1e9 and abs(y) < 1e9):
+            continue
+        place = bucket(int(math.floor(x)), int(math.floor(y)), mask)
+        air.follow[i] = air.head[place]
+        air.head[place] = i
