@@ -162,7 +162,7 @@ def _noise_until(
         if share <= 0.0:
             continue
         power = arriving_dbm(
-            setting, sky, radios, pos, vel, emitters[0, e], radio, emitted[2, e], emitted[0, e], now, ENERGY_DBM - 20.0
+            setting, sky, radios.who, radios.aerial, pos, vel, emitters[0, e], radio, emitted[2, e], emitted[0, e], now, ENERGY_DBM - 20.0
         )
         if power > SILENT:
             total += share * 10.0 ** (0.1 * power)

@@ -191,7 +191,7 @@ def judge(
                 continue
             floor = radios.noise_dbm[r, kind] - 10.0 - 10.0 * math.log10(share)
             power = arriving_dbm(
-                setting, sky, radios, pos, vel, emitters[0, e], r, emitted[2, e], emitted[0, e], start, floor
+                setting, sky, radios.who, radios.aerial, pos, vel, emitters[0, e], r, emitted[2, e], emitted[0, e], start, floor
             )
             if power > SILENT:
                 begins[count], ends[count] = emitters[1, e], emitters[2, e]

@@ -15,28 +15,34 @@ from skyrange.core.compiled import kernel
 from skyrange.radio.access import FRAME_DBM, freeze, leave
 from skyrange.radio.link import BUCKET_M, SILENT, Setting, arriving_dbm, bucket, reach_m
 from skyrange.radio.propagation import noise_dbm
-from skyrange.radio.receivers import tuned
+from skyrange.radio.receivers import turn_at
 from skyrange.radio.sightlines import Skyline
 from skyrange.radio.spectrum import centre_mhz, share_within
 from skyrange.radio.table import (
     BLUETOOTH,
     CHANNEL,
     COUNT,
+    DWELL,
     END,
+    FIRST,
     FOLLOWED,
     FREE,
     HEARING,
     KEY,
     MISSED,
     ON_AIR,
+    PHASE,
     POINTERS,
     RADIO,
+    REST,
     ROLE,
     SIZE,
     START,
     STATE,
+    TURNS,
     WAVE,
     WIFI,
+    WINDOW,
     Air,
     Radios,
 )
@@ -47,7 +53,6 @@ FOLLOWED_DB: Final = 3.0
 """A signal is followed down to this far below what its receiver could use, so that chance may lift it."""
 _WEAK: Final = int(Outcome.WEAK)
 _ELSEWHERE: Final = int(Outcome.ELSEWHERE)
-_NOT, _HEARS, _FEELS = range(3)
 
 
 @kernel
@@ -60,90 +65,82 @@ def free_slot(air: Air) -> int:
 
 
 @kernel
-def _concern(radios: Radios, air: Air, s: int, r: int, centre: float) -> int:
-    """What a burst is to a radio: it `_HEARS` it, only `_FEELS` it, or does `_NOT` notice."""
-    kind, channel, start, end = air.slot[WAVE, s], air.slot[CHANNEL, s], air.slot[START, s], air.slot[END, s]
-    band = WIFI if is_wifi(kind) else BLUETOOTH
-    if air.slot[ROLE, s] == FOLLOWED:
-        for k in range(POINTERS):
-            if air.pointers[r, k] == air.slot[KEY, s]:
-                return _HEARS
-    else:
-        on, mask, until = tuned(radios, r, band, start)
-        if on == channel and mask >> kind & 1 and until >= end:
-            return _HEARS
-        if radios.turns[r, band] > 0:
-            air.losses[r, _ELSEWHERE] += 1
-    if band == WIFI:
-        return _FEELS  # may have to wait for it
-    on, _, _ = tuned(radios, r, WIFI, start)
-    if on >= 0 and share_within(centre, WIDTH_MHZ[kind], centre_mhz(0, on), WIDTH_MHZ[0]) > 0.0:
-        return _FEELS
-    on, _, _ = tuned(radios, r, BLUETOOTH, start)
-    return _FEELS if on == channel or air.slot[ROLE, s] == FOLLOWED else _NOT
-
-
-@kernel
-def _lock(radios: Radios, air: Air, s: int, r: int, dbm: float) -> int:
-    """The flags of a burst at a receiver that is tuned to it."""
-    kind = air.slot[WAVE, s]
-    band = WIFI if is_wifi(kind) else BLUETOOTH
-    start, end = air.slot[START, s], air.slot[END, s]
-    if air.sending_until[r, band] > start:
-        return HEARING
-    locked = air.lock_until[r, band] > start
-    if dbm - radios.noise_dbm[r, kind] < LOCK_SNIR_DB[kind]:
-        return HEARING | MISSED if locked else HEARING
-    if locked and dbm < air.lock_dbm[r, band] + CAPTURE_DB:
-        return HEARING | MISSED
-    air.lock_until[r, band], air.lock_dbm[r, band] = end, dbm
-    return HEARING
-
-
-@kernel
 def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, s: int) -> None:
-    """Fill a slot's list of receivers."""
-    sender, kind, channel = air.slot[RADIO, s], air.slot[WAVE, s], air.slot[CHANNEL, s]
-    start, end = air.slot[START, s], air.slot[END, s]
-    power, centre = air.slot_dbm[s], centre_mhz(kind, channel)
-    lowest = noise_dbm(radios.best_noise_db, WIDTH_MHZ[kind]) + min(LEAST_SNIR_DB[kind] - FOLLOWED_DB, 0.0)
-    reach = reach_m(setting, radios, power, lowest, centre)
+    """Fill a slot's list of receivers. Long, for every call that hands arrays on costs as much as a radio does."""
+    slot, head, follow, losses, pointers = air.slot, air.head, air.follow, air.losses, air.pointers
+    rows, levels, powers, flags = air.row[s], air.dbm[s], air.mw[s], air.flag[s]
+    lock_until, lock_dbm, sending_until, busy_until = air.lock_until, air.lock_dbm, air.sending_until, air.busy_until
+    who, aerial, noise, chain = radios.who, radios.aerial, radios.noise_dbm, radios.chain
+    turn_channel, turn_mask = radios.turn_channel, radios.turn_mask
+    key, sender, kind, channel = slot[KEY, s], slot[RADIO, s], slot[WAVE, s], slot[CHANNEL, s]
+    start, end, power, role = slot[START, s], slot[END, s], air.slot_dbm[s], slot[ROLE, s]
+    centre, width = centre_mhz(kind, channel), WIDTH_MHZ[kind]
+    wifi = is_wifi(kind)
+    band = WIFI if wifi else BLUETOOTH
+    least, finds = LEAST_SNIR_DB[kind] - FOLLOWED_DB, LOCK_SNIR_DB[kind]
+    reach = reach_m(setting, radios, power, noise_dbm(radios.best_noise_db, width) + min(least, 0.0), centre)
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
-    mask = air.head.shape[0] - 1
+    mask = head.shape[0] - 1
     count = 0
-    wide = reach / BUCKET_M > 0.25 * air.head.shape[0] ** 0.5  # then all buckets, and each once
     column0, column1 = int(math.floor((x - reach) / BUCKET_M)), int(math.floor((x + reach) / BUCKET_M))
     row0, row1 = int(math.floor((y - reach) / BUCKET_M)), int(math.floor((y + reach) / BUCKET_M))
-    if wide:
-        column0, column1, row0, row1 = 0, pos.shape[0] - 1, 0, 0
     for column in range(column0, column1 + 1):
         for row in range(row0, row1 + 1):
-            r = column if wide else air.head[bucket(column, row, mask)]
+            r = head[bucket(column, row, mask)]
             while r >= 0:
                 i = r
-                r = -1 if wide else air.follow[i]
+                r = follow[i]
                 ex, ey, ez = pos[i, 0] - x, pos[i, 1] - y, pos[i, 2] - z
                 if i == sender or not ex * ex + ey * ey + ez * ez <= reach * reach:
                     continue
-                if not wide and (math.floor(pos[i, 0] / BUCKET_M) != column or math.floor(pos[i, 1] / BUCKET_M) != row):
+                if math.floor(pos[i, 0] / BUCKET_M) != column or math.floor(pos[i, 1] / BUCKET_M) != row:
                     continue  # of another square that shares the bucket
-                concern = _concern(radios, air, s, i, centre)
-                if concern == _NOT:
-                    continue
-                floor = radios.noise_dbm[i, kind]
-                if concern == _HEARS:
-                    floor += LEAST_SNIR_DB[kind] - FOLLOWED_DB
-                dbm = arriving_dbm(setting, sky, radios, pos, vel, sender, i, power, centre, start, floor)
+                hears = False
+                own = chain[i, band]
+                if role == FOLLOWED:
+                    for k in range(POINTERS):
+                        hears = hears or pointers[i, k] == key
+                elif own[TURNS] > 0:
+                    turn, until = turn_at(own[TURNS], own[DWELL], own[WINDOW], own[REST], own[PHASE], start)
+                    if turn >= 0 and until >= end:
+                        place = own[FIRST] + turn
+                        hears = turn_channel[place] == channel and (turn_mask[place] >> kind & 1) == 1
+                    if not hears:
+                        losses[i, _ELSEWHERE] += 1
+                if not hears and not wifi:  # it may still disturb what is heard there just now
+                    feels = role == FOLLOWED
+                    for other in range(2):
+                        own = chain[i, other]
+                        turn, _ = turn_at(own[TURNS], own[DWELL], own[WINDOW], own[REST], own[PHASE], start)
+                        if turn >= 0:
+                            on = turn_channel[own[FIRST] + turn]
+                            feels = feels or (
+                                on == channel
+                                if other == BLUETOOTH
+                                else share_within(centre, width, centre_mhz(0, on), WIDTH_MHZ[0]) > 0.0
+                            )
+                    if not feels:
+                        continue
+                floor = noise[i, kind] + least if hears else noise[i, kind]
+                dbm = arriving_dbm(setting, sky, who, aerial, pos, vel, sender, i, power, centre, start, floor)
                 if dbm == SILENT:
-                    if concern == _HEARS:
-                        air.losses[i, _WEAK] += 1
+                    if hears:
+                        losses[i, _WEAK] += 1
                     continue
-                air.row[s, count], air.dbm[s, count], air.mw[s, count] = i, dbm, 10.0 ** (0.1 * dbm)
-                air.flag[s, count] = _lock(radios, air, s, i, dbm) if concern == _HEARS else 0
+                flag = 0
+                if hears:
+                    flag = HEARING
+                    locked = lock_until[i, band] > start
+                    finding = dbm - noise[i, kind] >= finds and sending_until[i, band] <= start
+                    if locked and (not finding or dbm < lock_dbm[i, band] + CAPTURE_DB):
+                        flag = HEARING | MISSED
+                    elif finding:
+                        lock_until[i, band], lock_dbm[i, band] = end, dbm
+                rows[count], levels[count], powers[count], flags[count] = i, dbm, 10.0 ** (0.1 * dbm), flag
                 count += 1
-                if is_wifi(kind) and dbm >= FRAME_DBM:
-                    air.busy_until[i, channel] = max(air.busy_until[i, channel], end)
-    air.slot[COUNT, s] = count
+                if wifi and dbm >= FRAME_DBM:
+                    busy_until[i, channel] = max(busy_until[i, channel], end)
+    slot[COUNT, s] = count
 
 
 @kernel

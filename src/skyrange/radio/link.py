@@ -6,6 +6,7 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.agent.air import Floats
 from skyrange.core.compiled import kernel
@@ -34,17 +35,17 @@ class Setting(NamedTuple):
 
 
 @kernel
-def antenna_dbi(radios: Radios, i: int, sine: float) -> float:
-    """Gain of a radio's antenna towards an elevation."""
-    pattern = dipole_dbi(sine) if radios.antenna[i] == 1 else 0.0
-    return radios.gain_dbi[i] + pattern
+def antenna_dbi(pattern: float, gain_dbi: float, sine: float) -> float:
+    """Gain of an antenna towards an elevation."""
+    return gain_dbi + dipole_dbi(sine) if pattern == 1.0 else gain_dbi
 
 
 @kernel
 def arriving_dbm(
     setting: Setting,
     sky: Skyline,
-    radios: Radios,
+    who: NDArray[np.uint64],
+    aerial: Floats,
     pos: Floats,
     vel: Floats,
     sender: int,
@@ -63,7 +64,8 @@ def arriving_dbm(
         return SILENT
     wavelength = wavelength_m(centre)
     sine = dz / distance if distance > 0.0 else 0.0
-    mean = power_dbm + antenna_dbi(radios, sender, sine) + antenna_dbi(radios, receiver, -sine)
+    mean = power_dbm + antenna_dbi(aerial[sender, 0], aerial[sender, 1], sine)
+    mean += antenna_dbi(aerial[receiver, 0], aerial[receiver, 1], -sine)
     mean -= open_db(distance, az, bz, wavelength)
     if mean < floor_dbm:
         return SILENT
@@ -74,10 +76,10 @@ def arriving_dbm(
     if not setting.chance:
         return mean
     hidden = loss >= HIDDEN_DB
-    pair = pair_of(radios.who[sender], radios.who[receiver])
+    pair = pair_of(who[sender], who[receiver])
     side = cell_side_m(hidden)
     near, far = cell_of(ax, ay, az, side), cell_of(bx, by, bz, side)
-    if radios.who[receiver] < radios.who[sender]:
+    if who[receiver] < who[sender]:
         near, far = far, near
     mean += shadow_db(setting.seed, pair, near, far, max(min(az, bz), 0.0), hidden)
     ux = vel[receiver, 0] - vel[sender, 0]

@@ -120,7 +120,8 @@ class BuiltinMedium:
     @property
     def losses(self) -> Ints:
         """(radios, outcomes): counts of each `Outcome` at each receiver; bursts that not even free space let through
-        are not counted, and pointers only where they were not decoded."""
+        are not counted, and pointers only where they were not decoded.
+        """
         return self._air.losses
 
     def offer(self, now: Time, requests: TxBatch) -> None:

@@ -20,7 +20,7 @@ from skyrange.agent.air import Listening, Turn, Waveform
 from skyrange.core.compiled import kernel
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
 from skyrange.radio.spectrum import ADVERTISING, WIFI_CHANNELS
-from skyrange.radio.table import Radios
+from skyrange.radio.table import ALWAYS
 
 _WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
 
@@ -63,18 +63,15 @@ PROFILES: Final[dict[str, tuple[Listening, ...]]] = {
 
 
 @kernel
-def tuned(radios: Radios, r: int, band: int, time_ns: int) -> tuple[int, int, int]:
-    """The channel that a chain is on, the waveforms it hears there (bits), and until when; -1 if it does not listen."""
-    turns = radios.turns[r, band]
+def turn_at(turns: int, dwell: int, window: int, rest: int, phase: int, time_ns: int) -> tuple[int, int]:
+    """Which of its turns a chain is listening in, -1 if in none, and until when. Scalars only: it is called often."""
+    if dwell == ALWAYS:
+        return 0, NEVER
     if turns == 0:
-        return -1, 0, 0
-    first = radios.first[r, band]
-    dwell, window = radios.dwell[r, band], radios.window[r, band]
-    if dwell >= NEVER // 4:
-        return radios.turn_channel[first], radios.turn_mask[first], NEVER
-    into = (time_ns + radios.phase[r, band]) % (turns * dwell + radios.rest[r, band])
+        return -1, 0
+    into = (time_ns + phase) % (turns * dwell + rest)
     turn = into // dwell
     left = window - (into - turn * dwell)
     if turn >= turns or left <= 0:
-        return -1, 0, 0
-    return radios.turn_channel[first + turn], radios.turn_mask[first + turn], time_ns + left
+        return -1, 0
+    return turn, time_ns + left

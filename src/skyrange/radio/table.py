@@ -34,6 +34,11 @@ START, END, STATE, COUNT = 7, 8, 9, 10
 SLOT_ROWS: Final = 11
 FREE, ON_AIR, OVER = range(3)
 
+# columns of `Radios.chain`: where its turns begin, how many (0: no chain), times in ns
+FIRST, TURNS, DWELL, WINDOW, REST, PHASE = range(6)
+ALWAYS: Final = NEVER // 4
+"""Dwell of a chain that never turns away."""
+
 HEARING, MISSED = 1, 2
 """Flags: the receiver is tuned to the burst; it was busy with another."""
 
@@ -42,19 +47,14 @@ class Radios(NamedTuple):
     """n radios as they are declared; chains are by band."""
 
     who: NDArray[np.uint64]
-    antenna: Ints
-    gain_dbi: Floats
+    aerial: Floats
+    """(n, 2): number of the pattern, and gain in dBi."""
     sends_dbm: Floats
     """(n, 2)"""
     noise_dbm: Floats
     """(n, waveforms)"""
-    first: Ints
-    """(n, 2): where a chain's turns begin; `turns` (n, 2) is how many, 0 for no chain."""
-    turns: Ints
-    dwell: Ints
-    window: Ints
-    rest: Ints
-    phase: Ints
+    chain: Ints
+    """(n, 2, 6): `FIRST` to `PHASE`."""
     turn_channel: Ints
     turn_mask: Ints
     """Bit w: hears waveform w."""
@@ -110,34 +110,31 @@ def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
     """The arrays of some radios, in their order."""
     n = len(specs)
     shape = (n, 2)
-    chains = {name: np.zeros(shape, dtype=np.int64) for name in ("first", "turns", "dwell", "window", "rest", "phase")}
+    chains = np.zeros((n, 2, 6), dtype=np.int64)
     channels: list[int] = []
     masks: list[int] = []
     for i, spec in enumerate(specs):
         for chain in spec.listening:
             band = WIFI if chain.turns[0].waveforms[0] < 2 else BLUETOOTH
-            chains["first"][i, band], chains["turns"][i, band] = len(channels), len(chain.turns)
+            first = len(channels)
             for turn in chain.turns:
                 channels.append(turn.channel)
                 masks.append(sum(1 << int(waveform) for waveform in set(turn.waveforms)))
             always = len(chain.turns) == 1 and chain.rest_ns == 0 and chain.window_ns >= chain.dwell_ns
-            chains["dwell"][i, band] = NEVER // 4 if always else chain.dwell_ns
-            chains["window"][i, band] = NEVER // 4 if always else chain.window_ns
-            chains["rest"][i, band] = chain.rest_ns
             cycle = 0 if always else len(chain.turns) * chain.dwell_ns + chain.rest_ns
-            phase = chance.uniform4("radio.phase", hash64(spec.name), 0, band)[0]
-            chains["phase"][i, band] = int(phase * cycle)
+            phase = int(chance.uniform4("radio.phase", hash64(spec.name), 0, band)[0] * cycle)
+            dwell, window = (ALWAYS, ALWAYS) if always else (chain.dwell_ns, chain.window_ns)
+            chains[i, band] = (first, len(chain.turns), dwell, window, chain.rest_ns, phase)
     peaks = [spec.gain_dbi + (float(dipole_dbi(0.0)) if spec.antenna == "dipole" else 0.0) for spec in specs]
     return Radios(
         who=np.array([hash64(spec.name) for spec in specs], dtype=np.uint64),
-        antenna=np.array([ANTENNAS.index(spec.antenna) for spec in specs], dtype=np.int64),
-        gain_dbi=np.array([spec.gain_dbi for spec in specs], dtype=np.float64),
+        aerial=np.array([(ANTENNAS.index(spec.antenna), spec.gain_dbi) for spec in specs]).reshape(shape),
         sends_dbm=np.array([(spec.wifi_dbm, spec.ble_dbm) for spec in specs], dtype=np.float64).reshape(shape),
         noise_dbm=np.array(
             [[noise_dbm(spec.noise_figure_db, float(width)) for width in WIDTH_MHZ] for spec in specs],
             dtype=np.float64,
         ).reshape(n, len(WIDTH_MHZ)),
-        **chains,
+        chain=chains,
         turn_channel=np.array(channels, dtype=np.int64),
         turn_mask=np.array(masks, dtype=np.int64),
         best_dbi=max(peaks, default=0.0),
