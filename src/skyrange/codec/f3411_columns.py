@@ -98,7 +98,7 @@ def location_rows(bodies: Payloads) -> LocationColumns:
     """The Location and the first Basic ID of each body, a message or a pack; a bad body has neither."""
     places = places_of(bodies, MessageType.LOCATION)
     found = places >= 0
-    raw: NDArray[Any] = bodies_at(bodies, places).view(_LOCATION)[:, 0]
+    raw: Any = bodies_at(bodies, places).view(_LOCATION)[:, 0]
     flags, speed, track = raw["flags"], raw["speed"], raw["track"].astype(np.float64)
     fast, west = flags & 1, flags >> 1 & 1
     nowhere = ~found
@@ -107,7 +107,7 @@ def location_rows(bodies: Payloads) -> LocationColumns:
     degrees[degrees == 360.0] = 0.0
     mps = np.where(fast, speed * values.SPEED_FAST_STEP_MPS + values.SPEED_KNEE_MPS, speed * values.SPEED_STEP_MPS)
     ids = places_of(bodies, MessageType.BASIC_ID)
-    names = bodies_at(bodies, ids)
+    names: Any = bodies_at(bodies, ids)
     return LocationColumns(
         found=found,
         status=flags >> 4,
@@ -140,7 +140,8 @@ def _known(numbers: Floats, unknown: NDArray[np.bool_]) -> Floats:
     return numbers
 
 
-def _altitude(raw: NDArray[np.uint16]) -> Floats:
+def _altitude(raw: Any) -> Floats:
+    """Metres of (n,) 16-bit altitudes."""
     return _known(raw * values.ALTITUDE_STEP_M + values.ALTITUDE_LEAST_M, raw == 0)
 
 
@@ -219,13 +220,13 @@ def rows_of(bodies: Sequence[bytes]) -> Bodies:
 
 
 def single_rows(part: Bodies) -> Payloads:
-    """n bodies of one message each, as Bluetooth 4 carries them."""
+    """Bodies of one message each, as Bluetooth 4 carries them."""
     starts = np.arange(len(part), dtype=np.int64) * SIZE
     return Payloads(np.ascontiguousarray(part).reshape(-1), starts, np.full(len(part), SIZE, dtype=np.int64))
 
 
 def pack_rows(parts: Sequence[Bodies]) -> Payloads:
-    """n message packs: pack i holds row i of every part, in the order of the parts (1…9, else `ValueError`)."""
+    """Message packs: pack i holds row i of every part, in the order of the parts (1…9, else `ValueError`)."""
     if not 1 <= len(parts) <= PACK_MOST:
         raise ValueError(f"{len(parts)} messages in a pack, expected 1…{PACK_MOST}")
     count, size = len(parts[0]), PACK_HEADER + SIZE * len(parts)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Convert = Callable[[float, float, Floats, Floats], tuple[Floats, Floats]]
+
+Altitude = TypeVar("Altitude", float, "Floats")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,14 @@ class Origin:
     alt_msl_m: float = 0.0
     geoid_m: float = 0.0
 
+    def ellipsoid_of(self, alt_msl_m: Altitude) -> Altitude:
+        """Height above the ellipsoid (F3411, 14 CFR 89, GNSS) of an altitude above mean sea level (MAVLink's `alt`)."""
+        return alt_msl_m + self.geoid_m
+
+    def msl_of(self, alt_geo_m: Altitude) -> Altitude:
+        """Altitude above mean sea level of a height above the ellipsoid; inverse of `ellipsoid_of`."""
+        return alt_geo_m - self.geoid_m
+
     def to_enu(self, lat_deg: ArrayLike, lon_deg: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(east_m, north_m) of points given in degrees; arrays of any one shape."""
         from skyrange.core import projection
@@ -49,13 +59,15 @@ class Origin:
 
     def enu_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
         """`to_enu` for one point."""
-        east, north = self.to_enu([lat_deg], [lon_deg])
-        return float(east[0]), float(north[0])
+        from skyrange.core import projection
+
+        return projection.enu_of(self.lat_deg, self.lon_deg, float(lat_deg), float(lon_deg))
 
     def geodetic_of(self, east_m: float, north_m: float) -> tuple[float, float]:
         """`to_geodetic` for one point."""
-        lat, lon = self.to_geodetic([east_m], [north_m])
-        return float(lat[0]), float(lon[0])
+        from skyrange.core import projection
+
+        return projection.geodetic_of(self.lat_deg, self.lon_deg, float(east_m), float(north_m))
 
 
 def _pointwise(

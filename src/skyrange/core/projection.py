@@ -30,16 +30,32 @@ def scales(mid_lat_deg: float) -> tuple[float, float]:
 
 
 @kernel
+def enu_of(lat0_deg: float, lon0_deg: float, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    """(east_m, north_m) of a point in degrees."""
+    north_scale, east_scale = scales(0.5 * (lat_deg + lat0_deg))
+    return ((lon_deg - lon0_deg + 180.0) % 360.0 - 180.0) * east_scale, (lat_deg - lat0_deg) * north_scale
+
+
+@kernel
 def to_enu(
     lat0_deg: float, lon0_deg: float, lat_deg: NDArray[np.float64], lon_deg: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(east_m, north_m), each (n,), of points (n,) in degrees."""
     east, north = np.empty_like(lat_deg), np.empty_like(lat_deg)
     for i in range(lat_deg.shape[0]):
-        north_scale, east_scale = scales(0.5 * (lat_deg[i] + lat0_deg))
-        east[i] = ((lon_deg[i] - lon0_deg + 180.0) % 360.0 - 180.0) * east_scale
-        north[i] = (lat_deg[i] - lat0_deg) * north_scale
+        east[i], north[i] = enu_of(lat0_deg, lon0_deg, lat_deg[i], lon_deg[i])
     return east, north
+
+
+@kernel
+def geodetic_of(lat0_deg: float, lon0_deg: float, east_m: float, north_m: float) -> tuple[float, float]:
+    """(lat_deg, lon_deg) of a point in metres."""
+    here = lat0_deg
+    for _ in range(3):  # a contraction with factor ~1e-6 at city scale: three rounds reach rounding
+        north_scale, east_scale = scales(0.5 * (here + lat0_deg))
+        here = lat0_deg + north_m / north_scale
+    north_scale, east_scale = scales(0.5 * (here + lat0_deg))
+    return here, (lon0_deg + east_m / east_scale + 180.0) % 360.0 - 180.0
 
 
 @kernel
@@ -49,11 +65,5 @@ def to_geodetic(
     """(lat_deg, lon_deg), each (n,), of points (n,) in metres."""
     lat, lon = np.empty_like(east_m), np.empty_like(east_m)
     for i in range(east_m.shape[0]):
-        here = lat0_deg
-        for _ in range(3):  # a contraction with factor ~1e-6 at city scale: three rounds reach rounding
-            north_scale, east_scale = scales(0.5 * (here + lat0_deg))
-            here = lat0_deg + north_m[i] / north_scale
-        north_scale, east_scale = scales(0.5 * (here + lat0_deg))
-        lat[i] = here
-        lon[i] = (lon0_deg + east_m[i] / east_scale + 180.0) % 360.0 - 180.0
+        lat[i], lon[i] = geodetic_of(lat0_deg, lon0_deg, east_m[i], north_m[i])
     return lat, lon

@@ -53,6 +53,12 @@ class Beliefs:
         for name in ("heard_ns", "position_ns", "item_ns", "read_ns"):
             self.table[name] = -NEVER
 
+    def old(self, now: Time, silent_ns: Time, stale_ns: Time) -> NDArray[np.int64]:
+        """Places of aircraft whose last heartbeat is older than `silent_ns`, or position or item than `stale_ns`."""
+        table = self.table
+        told = np.minimum(table["position_ns"], table["item_ns"])
+        return np.flatnonzero((table["heard_ns"] < now - silent_ns) | (told < now - stale_ns))
+
     def of(self, place: int) -> Belief:
         """One aircraft's row."""
         return Belief(self, place)

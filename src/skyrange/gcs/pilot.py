@@ -63,13 +63,12 @@ class Pilot:
     epoch: Epoch
     streams: Profile
     belief: Belief
+    packer: Packer
     state: State = State.PLANNED
     outcome: Outcome | None = None
     due: Time = 0
     intent: str = ""
     link_lost: bool = False
-    packer: Packer = field(default_factory=lambda: Packer(STATION_SYSTEM, STATION_COMPONENT))
-    heartbeat_due: Time = 0
     filing: Filing | None = None
     """The request under way to the approval."""
     deadline: Time = NEVER
@@ -123,9 +122,6 @@ class Pilot:
         """Do what has fallen due."""
         if self.state is State.PLANNED:
             self._raise(Event.BEGUN, now, out, ())
-        if now >= self.heartbeat_due:
-            self.heartbeat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
-            self._look_at_news(now, out)
         if self.filing is not None and now >= self.filing.due:
             self._file(self.filing, now, out)
         if self.transfer is not None and now >= self.transfer.due:
@@ -354,9 +350,9 @@ class Pilot:
 
     # --- time ------------------------------------------------------------------------------------------
 
-    def _look_at_news(self, now: Time, out: Outbox) -> None:
-        """Once a second, when the station sends its heartbeat: how old is what it knows?"""
-        if self.state in OVER:
+    def look_at_news(self, now: Time, out: Outbox) -> None:
+        """How old is what it knows? Asked with the station's heartbeat where something is old (`Beliefs.old`)."""
+        if self.state is State.PLANNED or self.state in OVER:
             return
         belief = self.belief
         silent = now - belief.heard_ns > LINK_TIMEOUT_NS
@@ -370,6 +366,7 @@ class Pilot:
                 self._say(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, ())
                 self.todo = list(scripts.stream_commands(self.streams.messages))
                 self._next_command(now, out, ())
+        self._reschedule()
 
     def _depart_ns(self) -> Time:
         return from_seconds(self.flight.depart_s)
@@ -380,7 +377,7 @@ class Pilot:
         return self._depart_ns() - from_seconds(lead_s)
 
     def _reschedule(self) -> None:
-        due = min(self.heartbeat_due, self.deadline)
+        due = self.deadline
         if self.filing is not None:
             due = min(due, self.filing.due)
         if self.transfer is not None:

@@ -16,13 +16,23 @@ import numpy as np
 from skyrange.agent.messages import Arrival, Inbox, Outbox, Scalar
 from skyrange.codec.columns import dtype_of, pack
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.numbering import RowPacker, number
 from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.belief import Belief, Beliefs
 from skyrange.gcs.flights import Flight, Outcome
 from skyrange.gcs.lifecycle import OVER, State
-from skyrange.gcs.pilot import AUTOPILOT_COMPONENT, READ, STATION_COMPONENT, STATION_SYSTEM, Pilot
+from skyrange.gcs.pilot import (
+    AUTOPILOT_COMPONENT,
+    HEARTBEAT_NS,
+    LINK_TIMEOUT_NS,
+    READ,
+    STALE_NS,
+    STATION_COMPONENT,
+    STATION_SYSTEM,
+    Pilot,
+)
 from skyrange.gcs.reading import Reader
 from skyrange.gcs.streams import PROFILES
 from skyrange.utm.messages import DecisionBody, decode_response
@@ -59,6 +69,7 @@ class GroundStation:
         approval = Port(self.name, link_name("approval", operator))
         wanted = PROFILES[streams]
         self._beliefs = Beliefs(len(flights))
+        self._sequences = np.zeros(len(flights), dtype=np.int64)
         self._pilots = [
             Pilot(
                 flight,
@@ -67,6 +78,7 @@ class GroundStation:
                 epoch,
                 wanted,
                 self._beliefs.of(place),
+                RowPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
             )
             for place, flight in enumerate(flights)
         ]
@@ -76,36 +88,41 @@ class GroundStation:
         """Frames on the approval link that were not understood or not asked for."""
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._by_intent: dict[str, int] = {}
-        self._heap: list[tuple[Time, int]] = [(0, number) for number in range(len(flights))]
+        self._heap: list[tuple[Time, int]] = [(0, place) for place in range(len(flights))]
         self._queued: list[Time] = [0] * len(flights)
+        self._beat_due: Time = 0 if flights else NEVER
 
     # --- the agent -------------------------------------------------------------------------------
 
     def next_wakeup(self) -> Time | None:
         """When the next pilot may have something to do; `None` for a station without aircraft."""
-        return self._heap[0][0] if self._heap else None
+        due = min(self._heap[0][0], self._beat_due) if self._heap else self._beat_due
+        return None if due == NEVER else due
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Read the mail, then do what is due."""
         out = Outbox()
         if len(inbox):
             self._read(now, inbox, out)
+        beats = now >= self._beat_due
+        if beats:
+            self._beat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
+            for place in self._beliefs.old(now, LINK_TIMEOUT_NS, STALE_NS).tolist():
+                self._pilots[place].look_at_news(now, out)
+                self._queue(place)
         heap = self._heap
-        beating = []
         while heap and heap[0][0] <= now:
-            _, number = heappop(heap)
-            self._queued[number] = NEVER
-            pilot = self._pilots[number]
+            _, place = heappop(heap)
+            self._queued[place] = NEVER
+            pilot = self._pilots[place]
             if pilot.due <= now:
                 began = pilot.state is State.PLANNED
-                if pilot.heartbeat_due <= now:
-                    beating.append(number)
                 pilot.on_time(now, out)
                 if began:
-                    self._by_intent[pilot.intent] = number
-            self._queue(number)
-        if beating:
-            self._beat(beating, out)
+                    self._by_intent[pilot.intent] = place
+            self._queue(place)
+        if beats:
+            self._beat(out)
         return out
 
     def _read(self, now: Time, inbox: Inbox, out: Outbox) -> None:
@@ -113,28 +130,31 @@ class GroundStation:
         table = inbox.columns(self._places)
         for row in self._reader.read(now, table.places, table.payloads).tolist():
             arrival = inbox.arrival(table.order.item(row))
-            number = table.places.item(row)
-            if number == len(self._pilots):
+            place = table.places.item(row)
+            if place == len(self._pilots):
                 self._on_approval(now, arrival, out)
-            elif self._pilots[number].on_frame(now, arrival, out):
-                self._queue(number)
+            elif self._pilots[place].on_frame(now, arrival, out):
+                self._queue(place)
 
-    def _beat(self, numbers: list[int], out: Outbox) -> None:
-        """Send the station's heartbeat to some aircraft."""
-        beat = np.zeros(len(numbers), dtype=dtype_of(mav.MAVLINK_MSG_ID_HEARTBEAT))
+    def _beat(self, out: Outbox) -> None:
+        """Send the station's heartbeat to all aircraft."""
+        places = np.arange(len(self._pilots))
+        beat = np.zeros(len(places), dtype=dtype_of(mav.MAVLINK_MSG_ID_HEARTBEAT))
         beat["type"], beat["autopilot"] = mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID
         beat["system_status"], beat["mavlink_version"] = mav.MAV_STATE_ACTIVE, 3
-        systems = np.full(len(numbers), STATION_SYSTEM)
-        sequences = np.array([self._pilots[number].packer.skip() for number in numbers], dtype=np.int64)
-        frames = pack([(mav.MAVLINK_MSG_ID_HEARTBEAT, beat, systems, sequences)], STATION_COMPONENT)
-        out.send_block(np.array(numbers, dtype=np.int64), frames)
+        sequences = np.empty_like(places)
+        number(places, self._sequences, sequences)
+        frames = pack(
+            [(mav.MAVLINK_MSG_ID_HEARTBEAT, beat, np.full_like(places, STATION_SYSTEM), sequences)], STATION_COMPONENT
+        )
+        out.send_block(places, frames)
 
-    def _queue(self, number: int) -> None:
+    def _queue(self, place: int) -> None:
         """Have a pilot in the heap by the time it is due; earlier entries find nothing to do and are dropped."""
-        due = self._pilots[number].due
-        if due < self._queued[number]:
-            self._queued[number] = due
-            heappush(self._heap, (due, number))
+        due = self._pilots[place].due
+        if due < self._queued[place]:
+            self._queued[place] = due
+            heappush(self._heap, (due, place))
 
     def _on_approval(self, now: Time, arrival: Arrival, out: Outbox) -> None:
         reason = ""
@@ -149,9 +169,9 @@ class GroundStation:
             elif body.id not in self._by_intent:
                 reason = f"an answer to {body.id}, which was not asked for"
             else:
-                number = self._by_intent[body.id]
-                self._pilots[number].on_decision(now, body, arrival.ref, out)
-                self._queue(number)
+                place = self._by_intent[body.id]
+                self._pilots[place].on_decision(now, body, arrival.ref, out)
+                self._queue(place)
                 return
         self.bad_approvals += 1
         if self.bad_approvals & (self.bad_approvals - 1) == 0:

@@ -58,7 +58,7 @@ def _volume(plan: FlightPlan, leg: Leg, depart_ns: Time, since_s: float, until_s
     ring: Polygon = orient(line.buffer(margins.horizontal_m * _CIRCUMSCRIBE, quad_segs=_QUADRANT_SEGMENTS))
     corners = np.asarray(ring.exterior.coords)[:-1]
     lat, lon = origin.to_geodetic(corners[:, 0], corners[:, 1])
-    to_ellipsoid_m = origin.alt_msl_m + origin.geoid_m
+    to_ellipsoid_m = origin.ellipsoid_of(origin.alt_msl_m)
     lower_m = max(min(a.up_m, b.up_m) - margins.vertical_m, 0.0)
     upper_m = max(a.up_m, b.up_m) + margins.vertical_m
     return Volume4D(

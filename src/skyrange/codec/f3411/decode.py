@@ -7,6 +7,9 @@ contradicts itself is refused.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Final
+
 from skyrange.codec.f3411 import values
 from skyrange.codec.f3411.encode import AUTH_0, LOCATION, PACK_HEADER, PACK_MOST, SIZE, SYSTEM
 from skyrange.codec.f3411.messages import (
@@ -101,7 +104,7 @@ def _operator_id(body: bytes, version: int) -> OperatorId:
     return OperatorId(body[1], _text(body[2:22]), version)
 
 
-_DECODERS = {
+_DECODERS: Final[dict[int, Callable[[bytes, int], Single]]] = {
     MessageType.BASIC_ID: _basic_id, MessageType.LOCATION: _location, MessageType.AUTHENTICATION: _authentication,
     MessageType.SELF_ID: _self_id, MessageType.SYSTEM: _system, MessageType.OPERATOR_ID: _operator_id,
 }  # fmt: skip

@@ -7,6 +7,8 @@ the tables of F3411-22a and `libopendroneid/opendroneid.h` (`ODID_*_encoded`).
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
+from typing import Any, Final
 
 from skyrange.codec.f3411 import values
 from skyrange.codec.f3411.messages import (
@@ -158,7 +160,7 @@ def _reserved(message: Reserved) -> bytes:
     return bytes([_first(message.message_type, message.version)]) + message.data
 
 
-_ENCODERS = {
+_ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {
     BasicId: _basic_id, Location: _location, Authentication: _authentication, SelfId: _self_id, System: _system,
     OperatorId: _operator_id, Reserved: _reserved,
 }  # fmt: skip

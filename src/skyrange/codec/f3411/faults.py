@@ -88,7 +88,7 @@ def _pack(message: MessagePack) -> list[str]:
 
 
 def _basic_id(message: BasicId) -> list[str]:
-    found = _reserved("id_type", message.id_type, IdType.SPECIFIC_SESSION, 15)
+    found = _reserved("id_type", message.id_type, IdType.SPECIFIC_SESSION, 255)
     if message.id_type in (IdType.SERIAL_NUMBER, IdType.CAA_REGISTRATION):
         found += _printable("uas_id", message.uas_id)
     if message.id_type == IdType.SERIAL_NUMBER and not is_serial_number(message.uas_id):
@@ -97,15 +97,15 @@ def _basic_id(message: BasicId) -> list[str]:
 
 
 def _location(message: Location) -> list[str]:
-    found = _reserved("status", message.status, 4, 15)
+    found = _reserved("status", message.status, 4, 255)
     found += _beyond("lat_deg", message.lat_deg, -90, 90) + _beyond("lon_deg", message.lon_deg, -180, 180)
     found += _beyond("track_deg", message.track_deg, 0, 359)
     found += _beyond("vertical_mps", message.vertical_mps, -values.VERTICAL_MAX_MPS, values.VERTICAL_MAX_MPS)
     found += _beyond("timestamp_s", message.timestamp_s, 0, values.TIME_MAX_S)
-    found += _reserved("horizontal_accuracy", message.horizontal_accuracy, 12, 15)
-    found += _reserved("vertical_accuracy", message.vertical_accuracy, 6, 15)
-    found += _reserved("baro_accuracy", message.baro_accuracy, 6, 15)
-    found += _reserved("speed_accuracy", message.speed_accuracy, 4, 15)
+    found += _reserved("horizontal_accuracy", message.horizontal_accuracy, 12, 255)
+    found += _reserved("vertical_accuracy", message.vertical_accuracy, 6, 255)
+    found += _reserved("baro_accuracy", message.baro_accuracy, 6, 255)
+    found += _reserved("speed_accuracy", message.speed_accuracy, 4, 255)
     if message.speed_mps is not None and message.speed_mps >= values.SPEED_MAX_MPS:
         found.append(f"speed_mps {message.speed_mps:g}: saturated, that or faster")
     if message.vertical_mps is not None and abs(message.vertical_mps) == values.VERTICAL_MAX_MPS:
@@ -124,10 +124,10 @@ def _authentication(message: Authentication) -> list[str]:
 
 
 def _system(message: System) -> list[str]:
-    found = _reserved("operator_location_type", message.operator_location_type, 2, 3)
-    found += _reserved("classification", message.classification, 1, 7)
+    found = _reserved("operator_location_type", message.operator_location_type, 2, 255)
+    found += _reserved("classification", message.classification, 1, 255)
     found += _beyond("operator_lat_deg", message.operator_lat_deg, -90, 90)
     found += _beyond("operator_lon_deg", message.operator_lon_deg, -180, 180)
     if message.classification == 1:
-        found += _reserved("category", message.category, 3, 15) + _reserved("ua_class", message.ua_class, 7, 15)
+        found += _reserved("category", message.category, 3, 255) + _reserved("ua_class", message.ua_class, 7, 255)
     return found

@@ -44,7 +44,7 @@ NAUTICAL_MILE_M: Final = 1852.0
 HORIZONTAL_ACCURACY_M: Final = (
     None, *(miles * NAUTICAL_MILE_M for miles in (10, 4, 2, 1, 0.5, 0.3, 0.1, 0.05)), 30.0, 10.0, 3.0, 1.0,
 )  # fmt: skip
-"""By code: the horizontal error is below this (95 %, as NACp of RTCA DO-282B); `None` is 18.52 km or more, or unknown."""
+"""By code: the horizontal error is below this (95 %, NACp of RTCA DO-282B); `None`: 18.52 km or more, or unknown."""
 VERTICAL_ACCURACY_M: Final = (None, 150.0, 45.0, 25.0, 10.0, 3.0, 1.0)
 """By code: the vertical error is below this."""
 SPEED_ACCURACY_MPS: Final = (None, 10.0, 3.0, 1.0, 0.3)

@@ -16,6 +16,7 @@ import numpy as np
 from skyrange.agent.contracts import Finished, Sensors
 from skyrange.agent.messages import Arrival, Inbox, Outbox
 from skyrange.codec.mavlink import decode, dialect
+from skyrange.codec.numbering import RowPacker
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.geodesy import Origin
@@ -44,7 +45,6 @@ from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Time
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Flag, zeros
 from skyrange.vehicle.builtin.mail import take_heartbeats
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import PARAMETERS, SETTINGS, fill
 from skyrange.vehicle.builtin.telemetry import streams, timesync
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 from skyrange.agent.messages import Outbox, Scalar
 from skyrange.codec.mavlink import dialect
+from skyrange.codec.numbering import RowPacker
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
 from skyrange.vehicle.builtin.fence_zones import ZONES
 from skyrange.vehicle.builtin.layout import LEGS, Control, Records, zeros
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.numbering import RowPacker
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
 from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
 

@@ -35,15 +35,13 @@ def sqrt_controller(error: float, p: float, second_limit: float, dt_s: float) ->
     The square root keeps the deceleration at `second_limit` (>0). The rate never overshoots within
     one step of `dt_s`.
     """
-    linear = second_limit / (p * p)
-    if error > linear:
-        rate = math.sqrt(2.0 * second_limit * (error - 0.5 * linear))
-    elif error < -linear:
-        rate = -math.sqrt(2.0 * second_limit * (-error - 0.5 * linear))
-    else:
-        rate = error * p
-    most = abs(error) / dt_s
-    return clamp(rate, -most, most)
+    size = abs(error)
+    rate = size * p
+    if rate * p > second_limit:
+        rate = math.sqrt(second_limit * (2.0 * size - second_limit / (p * p)))
+    if rate * dt_s > size:  # divisions only where they count: this runs five times in each step of position control
+        rate = size / dt_s
+    return math.copysign(rate, error)
 
 
 @kernel

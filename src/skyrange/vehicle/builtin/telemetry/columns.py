@@ -1,6 +1,7 @@
 """What do the columns of a report need from a fleet? Times, angles, places and whole numbers, by rows.
 
-All of it is vectorised over `rows` (aircraft); a row's numbers depend on that row alone. Angles turn from this
+All of it is vectorised over `rows` (aircraft), or for kernels that fill what is sent most; a row's numbers depend on
+that row alone. Angles turn from this
 project's frames (east-north-up, forward-left-up, counter-clockwise from east) into MAVLink's (north-east-down,
 forward-right-down, clockwise from north).
 """
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.payloads import Ints
 from skyrange.codec.columns import Table
+from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_MS, NS_PER_US
 from skyrange.vehicle.builtin.fleet import Fleet
 
@@ -49,6 +51,26 @@ def held(values: Floats, most: int, least: int | None = None) -> Floats:
     """
     inside: Floats = np.fmin(np.fmax(values, -most if least is None else least), most)
     return inside
+
+
+@kernel
+def whole(value: float, least: int, most: int) -> int:
+    """`held` of one number in a kernel, cut to a whole one."""
+    if not value >= least:
+        return least
+    return most if value > most else int(value)
+
+
+@kernel
+def since_boot_ms(now: int, boot_ns: int) -> int:
+    """`boot_ms` of one aircraft in a kernel."""
+    return max(now - boot_ns, 0) // NS_PER_MS & 0xFFFFFFFF
+
+
+@kernel
+def compass_cdeg(yaw: float) -> int:
+    """`heading_cdeg` of one yaw in a kernel."""
+    return int((0.5 * math.pi - yaw) * (180.0 / math.pi) % 360.0 * 100.0) % 36_000
 
 
 def known(values: Floats) -> Floats:

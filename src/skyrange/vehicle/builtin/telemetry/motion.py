@@ -7,7 +7,7 @@ ArduCopter/GCS_MAVLink_Copter.cpp (`send_nav_controller_output`, `send_position_
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,22 @@ from numpy.typing import NDArray
 from skyrange.agent.payloads import Ints
 from skyrange.codec.columns import Table
 from skyrange.codec.mavlink import dialect
+from skyrange.core.compiled import kernel
+from skyrange.core.projection import geodetic_of
 from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.telemetry import columns
-from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, Floats, held
+from skyrange.vehicle.builtin.telemetry.columns import (
+    I16,
+    I32,
+    U16,
+    Floats,
+    compass_cdeg,
+    held,
+    since_boot_ms,
+    whole,
+)
 
 POSITION_KNOWN: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
 _LEG: Final = int(Control.LEG)
@@ -38,15 +49,22 @@ _LAST: Final = 0xF000
 
 def attitude(fleet: Fleet, rows: Ints, out: Table) -> None:
     """ATTITUDE."""
-    e = fleet.estimate
-    rate = e["rate"][rows]
-    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
-    out["roll"] = e["roll"][rows]
-    out["pitch"] = -e["pitch"][rows]
-    out["yaw"] = columns.heading_rad(e["yaw"][rows])
-    out["rollspeed"] = rate[:, 0]
-    out["pitchspeed"] = -rate[:, 1]
-    out["yawspeed"] = -rate[:, 2]
+    _attitudes(fleet.now, rows, fleet.boot_ns, fleet.estimate, out)
+
+
+@kernel
+def _attitudes(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any) -> None:
+    for place in range(rows.shape[0]):
+        row = rows[place]
+        e: Any = estimate[row]
+        o: Any = out[place]
+        o.time_boot_ms = since_boot_ms(now, boot_ns[row])
+        o.roll = e.roll
+        o.pitch = -e.pitch
+        o.yaw = (1.5 * math.pi - e.yaw) % (2.0 * math.pi) - math.pi
+        o.rollspeed = e.rate[0]
+        o.pitchspeed = -e.rate[1]
+        o.yawspeed = -e.rate[2]
 
 
 def attitude_quaternion(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -96,16 +114,31 @@ def has_position(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 
 def global_position_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     """GLOBAL_POSITION_INT."""
-    e = fleet.estimate
-    pos, vel = e["pos"][rows], e["vel"][rows]
-    out["time_boot_ms"] = columns.boot_ms(fleet, rows)
-    out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
-    out["alt"] = columns.msl_mm(fleet, pos[:, 2])
-    out["relative_alt"] = held((pos[:, 2] - columns.homes(fleet, rows)[:, 2]) * 1e3, I32)
-    out["vx"] = held(vel[:, 1] * 100.0, I16)
-    out["vy"] = held(vel[:, 0] * 100.0, I16)
-    out["vz"] = held(vel[:, 2] * -100.0, I16)
-    out["hdg"] = columns.heading_cdeg(e["yaw"][rows])
+    at = fleet.origin
+    _global_positions(
+        at.lat_deg, at.lon_deg, at.alt_msl_m, fleet.now, rows, fleet.boot_ns, fleet.estimate, fleet.watch, out
+    )
+
+
+@kernel
+def _global_positions(
+    lat0_deg: float, lon0_deg: float, alt_m: float, now: int,
+    rows: Ints, boot_ns: Ints, estimate: Any, watch: Any, out: Any,
+) -> None:  # fmt: skip
+    for place in range(rows.shape[0]):
+        row = rows[place]
+        e: Any = estimate[row]
+        o: Any = out[place]
+        lat, lon = geodetic_of(lat0_deg, lon0_deg, e.pos[0], e.pos[1])
+        o.time_boot_ms = since_boot_ms(now, boot_ns[row])
+        o.lat = np.rint(lat * 1e7)
+        o.lon = np.rint(lon * 1e7)
+        o.alt = whole((alt_m + e.pos[2]) * 1e3, -I32, I32)
+        o.relative_alt = whole((e.pos[2] - watch[row].home[2]) * 1e3, -I32, I32)
+        o.vx = whole(e.vel[1] * 100.0, -I16, I16)
+        o.vy = whole(e.vel[0] * 100.0, -I16, I16)
+        o.vz = whole(e.vel[2] * -100.0, -I16, I16)
+        o.hdg = compass_cdeg(e.yaw)
 
 
 def vfr_hud(fleet: Fleet, rows: Ints, out: Table) -> None:

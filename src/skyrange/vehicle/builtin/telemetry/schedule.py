@@ -12,10 +12,10 @@ import numpy as np
 
 from skyrange.agent.payloads import Ints
 from skyrange.codec.columns import Table, pack
+from skyrange.codec.numbering import number
 from skyrange.core.compiled import kernel
 from skyrange.core.time import NEVER, NS_PER_MS, Time
 from skyrange.vehicle.builtin.fleet import COMPONENT, Fleet
-from skyrange.vehicle.builtin.numbering import number
 from skyrange.vehicle.builtin.telemetry.table import BUILDERS, HAS, SILENT, build
 
 SERVICE_NS: Final = 10 * NS_PER_MS

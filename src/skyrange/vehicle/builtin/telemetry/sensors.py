@@ -56,7 +56,7 @@ def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["vel"] = held(np.hypot(vel[:, 0], vel[:, 1]) * 100.0, U16, 0)
     out["cog"] = columns.course_cdeg(vel[:, 0], vel[:, 1])
     out["satellites_visible"] = e["gnss_sats"][rows]
-    out["alt_ellipsoid"] = held((fleet.origin.alt_msl_m + fleet.origin.geoid_m + pos[:, 2]) * 1e3, I32)
+    out["alt_ellipsoid"] = held((fleet.origin.ellipsoid_of(fleet.origin.alt_msl_m) + pos[:, 2]) * 1e3, I32)
     for place, name in enumerate(("h_acc", "v_acc", "vel_acc")):
         out[name] = held(claimed[:, place] * 1e3, I32, 0)
 

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from skyrange.agent.payloads import Ints
 from skyrange.codec.columns import Table
 from skyrange.codec.mavlink import dialect
+from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin.fleet import Fleet, MissionState
 from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import INDEX
 from skyrange.vehicle.builtin.telemetry import columns
-from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, held, of_crafts
+from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, Floats, held, of_crafts, whole
 
 FIRMWARE: Final = 4 << 24 | 6 << 16 | 0 << 8 | 0
 """AUTOPILOT_VERSION.flight_sw_version: ArduCopter 4.6.0-dev, whose names and behaviour this follows."""
@@ -57,6 +58,22 @@ _HEIGHT: Final = dialect.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
 _BATTERY: Final = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
 _FENCE: Final = dialect.MAV_SYS_STATUS_GEOFENCE
 _PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
+_BASE: Final = (
+    dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+    | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+    | dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+)
+_GUIDED: Final = dialect.MAV_MODE_FLAG_GUIDED_ENABLED
+_ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+_QUADROTOR: Final = dialect.MAV_TYPE_QUADROTOR
+_ARDUPILOT: Final = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+_CRITICAL: Final = dialect.MAV_STATE_CRITICAL
+_STANDBY: Final = dialect.MAV_STATE_STANDBY
+_ACTIVE: Final = dialect.MAV_STATE_ACTIVE
+_FIX_3D: Final = dialect.GPS_FIX_TYPE_3D_FIX
+_UNINITIALIZED: Final = dialect.EKF_UNINITIALIZED
+_ARMING_CHECK: Final = INDEX["ARMING_CHECK"]
+_BATT_MONITOR: Final = INDEX["BATT_MONITOR"]
 _CAPABILITIES: Final = (
     dialect.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
     | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
@@ -74,61 +91,83 @@ _CAPABILITIES: Final = (
 
 def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
     """HEARTBEAT, base mode as GCS_MAVLINK_Copter::base_mode makes it: manual input always, guided with a position."""
-    modes = fleet.modes[rows]
-    base = (
-        dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-        | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
-        | dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
-    )
-    guided = np.where(modes <= _LAST_MANUAL, 0, dialect.MAV_MODE_FLAG_GUIDED_ENABLED)
-    armed = fleet.flight["armed"][rows] * dialect.MAV_MODE_FLAG_SAFETY_ARMED
-    watch = fleet.watch
-    failsafe = (
-        (watch["station_lost"][rows] != 0)
-        | (watch["ekf_lost"][rows] != 0)
-        | (watch["reckoning_lost"][rows] != 0)
-        | (fleet.power["tripped"][rows] != 0)
-    )
-    ground = fleet.flight["landed"][rows] == 1
-    out["custom_mode"] = modes
-    out["type"] = dialect.MAV_TYPE_QUADROTOR
-    out["autopilot"] = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
-    out["base_mode"] = base | guided | armed
-    out["system_status"] = np.where(
-        failsafe,
-        dialect.MAV_STATE_CRITICAL,
-        np.where(ground, dialect.MAV_STATE_STANDBY, dialect.MAV_STATE_ACTIVE),
-    )
-    out["mavlink_version"] = 3
+    _heartbeats(rows, fleet.modes, fleet.flight, fleet.watch, fleet.power, out)
+
+
+@kernel
+def _heartbeats(rows: Ints, modes: Ints, flight: Any, watch: Any, power: Any, out: Any) -> None:
+    for place in range(rows.shape[0]):
+        row = rows[place]
+        f: Any = flight[row]
+        w: Any = watch[row]
+        o: Any = out[place]
+        o.custom_mode = modes[row]
+        o.type = _QUADROTOR
+        o.autopilot = _ARDUPILOT
+        o.base_mode = _BASE | (_GUIDED if modes[row] > _LAST_MANUAL else 0) | (_ARMED if f.armed != 0 else 0)
+        if w.station_lost != 0 or w.ekf_lost != 0 or w.reckoning_lost != 0 or power[row].tripped != 0:
+            o.system_status = _CRITICAL
+        else:
+            o.system_status = _STANDBY if f.landed == 1 else _ACTIVE
+        o.mavlink_version = 3
 
 
 def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
     """SYS_STATUS: what is fitted, in use and well, and the battery."""
-    e, power, fence = fleet.estimate, fleet.power, fleet.boundary
-    modes = fleet.modes[rows]
-    fix, has_battery = e["gnss_fix"][rows], has_battery_monitor(fleet, rows)
-    received = (fix >= dialect.GPS_FIX_TYPE_3D_FIX) & (e["gnss_age_s"][rows] < _FRESH_S)
-    fitting = ~((e["vel_ratio"][rows] > 1.0) & (e["pos_ratio"][rows] > 1.0) & (e["hgt_ratio"][rows] > 1.0))
-    place, height = modes > _LAST_MANUAL, modes > _LAST_BY_HAND
-    fenced = fence["enabled"][rows] != 0
-    checked = fleet.stored[rows, INDEX["ARMING_CHECK"]] != 0
-    ready = (fleet.flight["armed"][rows] == 1) | (fleet.watch["prearm_ok"][rows] != 0)
-    present = _ALWAYS | _AHRS | _PLACE | _HEIGHT | _BATTERY | _PREARM | np.where(fix > 0, _GNSS, 0)
-    present |= np.where(fenced, _FENCE, 0)
-    enabled = (present & ~(_PLACE | _HEIGHT | _BATTERY | _PREARM)) | np.where(place, _PLACE, 0)
-    enabled |= np.where(height, _HEIGHT, 0) | np.where(has_battery, _BATTERY, 0) | np.where(checked, _PREARM, 0)
-    healthy = (enabled & ~(_GNSS | _AHRS | _BATTERY | _FENCE | _PREARM)) | np.where(received, _GNSS, 0)
-    healthy |= np.where(fitting & (e["status"][rows] & dialect.EKF_UNINITIALIZED == 0), _AHRS, 0)
-    charged = has_battery & (power["voltage"][rows] > 0.0) & (power["tripped"][rows] == 0)
-    healthy |= np.where(charged, _BATTERY, 0) | np.where(fenced & (fence["breached"][rows] == 0), _FENCE, 0)
-    healthy |= np.where(checked & ready, _PREARM, 0)
-    out["onboard_control_sensors_present"] = present
-    out["onboard_control_sensors_enabled"] = enabled
-    out["onboard_control_sensors_health"] = healthy
-    out["load"] = 250  # ‰: a flight controller's main loop is a quarter busy
-    out["voltage_battery"] = np.where(has_battery, held(power["voltage"][rows] * 1e3, U16, 0), 0)
-    out["current_battery"] = np.where(has_battery, held(power["current"][rows] * 100.0, I16), -1)
-    out["battery_remaining"] = np.where(has_battery, np.minimum(power["remaining_pct"][rows], 100), -1)
+    _sys_statuses(
+        rows, fleet.modes, fleet.stored, fleet.estimate, fleet.flight, fleet.watch, fleet.power, fleet.boundary, out
+    )
+
+
+@kernel
+def _sys_statuses(
+    rows: Ints, modes: Ints, stored: Floats,
+    estimate: Any, flight: Any, watch: Any, power: Any, boundary: Any, out: Any,
+) -> None:  # fmt: skip
+    for place in range(rows.shape[0]):
+        row = rows[place]
+        e: Any = estimate[row]
+        b: Any = power[row]
+        fence: Any = boundary[row]
+        o: Any = out[place]
+        has_battery = stored[row, _BATT_MONITOR] != 0.0
+        checked = stored[row, _ARMING_CHECK] != 0.0
+        received = e.gnss_fix >= _FIX_3D and e.gnss_age_s < _FRESH_S
+        fitting = not (e.vel_ratio > 1.0 and e.pos_ratio > 1.0 and e.hgt_ratio > 1.0)
+        fenced = fence.enabled != 0
+        ready = flight[row].armed == 1 or watch[row].prearm_ok != 0
+        present = _ALWAYS | _AHRS | _PLACE | _HEIGHT | _BATTERY | _PREARM
+        if e.gnss_fix > 0:
+            present |= _GNSS
+        if fenced:
+            present |= _FENCE
+        enabled = present & ~(_PLACE | _HEIGHT | _BATTERY | _PREARM)
+        if modes[row] > _LAST_MANUAL:
+            enabled |= _PLACE
+        if modes[row] > _LAST_BY_HAND:
+            enabled |= _HEIGHT
+        if has_battery:
+            enabled |= _BATTERY
+        if checked:
+            enabled |= _PREARM
+        healthy = enabled & ~(_GNSS | _AHRS | _BATTERY | _FENCE | _PREARM)
+        if received:
+            healthy |= _GNSS
+        if fitting and e.status & _UNINITIALIZED == 0:
+            healthy |= _AHRS
+        if has_battery and b.voltage > 0.0 and b.tripped == 0:
+            healthy |= _BATTERY
+        if fenced and fence.breached == 0:
+            healthy |= _FENCE
+        if checked and ready:
+            healthy |= _PREARM
+        o.onboard_control_sensors_present = present
+        o.onboard_control_sensors_enabled = enabled
+        o.onboard_control_sensors_health = healthy
+        o.load = 250  # ‰: a flight controller's main loop is a quarter busy
+        o.voltage_battery = whole(b.voltage * 1e3, 0, U16) if has_battery else 0
+        o.current_battery = whole(b.current * 100.0, -I16, I16) if has_battery else -1
+        o.battery_remaining = min(b.remaining_pct, 100) if has_battery else -1
 
 
 def has_battery_monitor(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:

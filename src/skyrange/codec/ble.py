@@ -1,0 +1,178 @@
+"""How does a Remote ID broadcast look as a Bluetooth LE packet? Legacy advertisements, and extended ones on Long Range.
+
+Sources: F3411-22a, Bluetooth Legacy and Bluetooth Long Range broadcast methods (service data of the 16-bit UUID
+0xFFFA, application code 0x0D, message counter, message or pack); Bluetooth Core Specification 5.4, Vol 6 Part B,
+2.1 (packet), 2.3 (advertising PDUs), 2.3.4 (extended payload), 3.1.1 (CRC); Core Specification Supplement, Part A,
+1.11 (service data).
+
+A packet is what follows the preamble, as captures have it: access address, for the coded PHY its coding indicator
+(1 byte), PDU, CRC; not whitened. Addresses are written as they are read, most significant byte first, and travel the
+other way round.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+from skyrange.codec.f3411 import SIZE
+from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
+from skyrange.core.errors import DecodeError
+
+ACCESS_ADDRESS: Final = bytes.fromhex("d6be898e")
+"""0x8E89BED6, of all advertising (2.1.2)."""
+S8: Final = 0
+"""Coding indicator: eight symbols a bit, 125 kb/s (2.2.3)."""
+CRC: Final = 3
+
+ADV_NONCONN_IND: Final = 0b0010
+ADV_EXT_IND: Final = 0b0111
+"""On a primary channel; on a secondary one the same type is AUX_ADV_IND (2.3, table 2.3)."""
+_RANDOM: Final = 0x40
+"""TxAdd: the advertiser's address is a random one."""
+_ADDRESS: Final = 0x01
+_DATA_INFO: Final = 0x08
+_POINTER: Final = 0x10
+"""Extended header flags (2.3.4.1…5)."""
+CODED: Final = 2
+"""AUX PHY of the pointer: LE Coded."""
+
+SERVICE_DATA: Final = 0x16
+"""AD type: service data of a 16-bit UUID."""
+REMOTE_ID: Final = b"\xfa\xff\x0d"
+"""UUID 0xFFFA (ASTM International), application code of Remote ID."""
+
+
+def _crc_table() -> tuple[int, ...]:
+    """By the byte, least significant bit first: x^24 + x^10 + x^9 + x^6 + x^4 + x^3 + x + 1 (3.1.1), reflected."""
+    table = []
+    for byte in range(256):
+        value = byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xDA6000 if value & 1 else 0)
+        table.append(value)
+    return tuple(table)
+
+
+_TABLE: Final = _crc_table()
+
+
+def checksum(pdu: bytes) -> bytes:
+    """The CRC of an advertising PDU (start value 0x555555), in the order it is captured in."""
+    crc = 0xAAAAAA  # 0x555555 reflected
+    for byte in pdu:
+        crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 0xFF]
+    return crc.to_bytes(CRC, "little")
+
+
+def legacy(frame: RidFrame, *, random: bool = True) -> bytes:
+    """ADV_NONCONN_IND of `frame`'s address, counter and message of 25 bytes (else `ValueError`), for the 1M PHY."""
+    if len(frame.body) != SIZE:
+        raise ValueError(f"a body of {len(frame.body)} bytes, a legacy advertisement holds one message of {SIZE}")
+    return ACCESS_ADDRESS + _sealed(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
+
+
+def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
+    """AUX_ADV_IND of `frame`'s address, counter and body, for the coded PHY on a secondary channel.
+
+    `set_id` 0…15 tells an advertiser's advertising sets apart. `ValueError` for a body that does not fit.
+    """
+    said = _advertising_data(frame)
+    extended = bytes([_ADDRESS | _DATA_INFO]) + _address(frame) + _data_info(frame, set_id)
+    return ACCESS_ADDRESS + bytes([S8]) + _sealed(ADV_EXT_IND, random, bytes([len(extended)]) + extended + said)
+
+
+def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -> bytes:
+    """ADV_EXT_IND, for the coded PHY on a primary channel: says when and where `auxiliary(frame)` follows.
+
+    `channel` is its index 0…36, `offset_us` the time from this packet's start to its, 300…2,457,299 us, rounded down
+    to the steps of 30 us, or from 245,700 us on of 300 us, in which it is written; else `ValueError`.
+    """
+    if not (0 <= channel <= 36 and 300 <= offset_us < 300 << 13):
+        raise ValueError(f"channel {channel}, offset {offset_us} us: 0…36, 300…2457299 us")
+    coarse = offset_us >= 245_700
+    steps = offset_us // (300 if coarse else 30)
+    aux = channel | coarse << 7 | steps << 8 | CODED << 21  # bit 6, clock accuracy: 51…500 ppm
+    extended = bytes([_DATA_INFO | _POINTER]) + _data_info(frame, set_id) + aux.to_bytes(3, "little")
+    return ACCESS_ADDRESS + bytes([S8]) + _sealed(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
+
+
+def parse(packet: bytes, *, coded: bool) -> RidFrame:
+    """Transport, address, counter and body of an advertisement that carries Remote ID.
+
+    `coded` says whether a coding indicator follows the access address. `DecodeError` where the CRC is wrong or where
+    the packet is anything else than `legacy` and `auxiliary` make. The body is not looked into; channel, signal
+    strength and time are not in it.
+    """
+    start = len(ACCESS_ADDRESS) + coded
+    if len(packet) < start + 2 + CRC:
+        raise DecodeError(f"{len(packet)} bytes, an advertisement has at least {start + 2 + CRC}")
+    if packet[: len(ACCESS_ADDRESS)] != ACCESS_ADDRESS:
+        raise DecodeError(f"access address {packet[:4].hex()}, not that of advertising")
+    pdu = packet[start:-CRC]
+    if checksum(pdu) != packet[-CRC:]:
+        raise DecodeError("wrong CRC")
+    kind, payload = pdu[0] & 15, pdu[2:]
+    if pdu[1] != len(payload):
+        raise DecodeError(f"a payload of {len(payload)} bytes, but the header announces {pdu[1]}")
+    if kind == ADV_NONCONN_IND and not coded:
+        if len(payload) < 6:
+            raise DecodeError("no advertiser's address")
+        transport, address, said = Transport.BT4, payload[5::-1], payload[6:]
+    elif kind == ADV_EXT_IND:
+        transport = Transport.BT5
+        address, said = _extended(payload)
+    else:
+        raise DecodeError(f"PDU type {kind}, Remote ID uses {ADV_NONCONN_IND} and, extended, {ADV_EXT_IND}")
+    counter, body = _service_data(said)
+    return RidFrame(RidHeader(transport, counter=counter, address=address), body)
+
+
+def _sealed(kind: int, random: bool, payload: bytes) -> bytes:
+    """PDU header, payload and CRC."""
+    if len(payload) > 255:
+        raise ValueError(f"a payload of {len(payload)} bytes, at most 255")
+    pdu = bytes([kind | (_RANDOM if random else 0), len(payload)]) + payload
+    return pdu + checksum(pdu)
+
+
+def _address(frame: RidFrame) -> bytes:
+    address = frame.header.address
+    if len(address) != 6:
+        raise ValueError(f"address of {len(address)} bytes, expected 6")
+    return address[::-1]
+
+
+def _advertising_data(frame: RidFrame) -> bytes:
+    said = bytes([SERVICE_DATA]) + REMOTE_ID + bytes([frame.header.counter]) + frame.body
+    if len(said) > 255:
+        raise ValueError(f"a body of {len(frame.body)} bytes does not fit an advertisement")
+    return bytes([len(said)]) + said
+
+
+def _data_info(frame: RidFrame, set_id: int) -> bytes:
+    """ADI: which data (changed with the counter), of which set."""
+    if not 0 <= set_id <= 15:
+        raise ValueError(f"set_id {set_id}: 0…15")
+    return struct.pack("<H", set_id << 12 | frame.header.counter)
+
+
+def _extended(payload: bytes) -> tuple[bytes, bytes]:
+    """Advertiser's address and advertising data of an extended payload."""
+    size = payload[0] & 0x3F if payload else 0
+    if size < 7 or len(payload) < 1 + size or not payload[1] & _ADDRESS:
+        raise DecodeError("an extended advertisement without its sender's address")
+    return payload[7:1:-1], payload[1 + size :]
+
+
+def _service_data(said: bytes) -> tuple[int, bytes]:
+    """Counter and body of the first AD structure that is Remote ID's."""
+    at = 0
+    while at < len(said) and said[at]:  # a length of 0 ends the data early
+        end = at + 1 + said[at]
+        if end > len(said):
+            raise DecodeError(f"an AD structure of {said[at]} bytes does not fit its advertisement")
+        if said[at + 1] == SERVICE_DATA and said[at + 2 : at + 5] == REMOTE_ID and end > at + 5:
+            return said[at + 5], said[at + 6 : end]
+        at = end
+    raise DecodeError("an advertisement without Remote ID")

@@ -1,0 +1,111 @@
+"""How is a capture file written? Blocks of pcapng, and the radio headers that go before a packet.
+
+Sources: IETF draft-ietf-opsawg-pcapng (section header, interface description and enhanced packet blocks, in the
+writer's byte order, here little-endian); radiotap.org (802.11, link type 127); tcpdump.org,
+LINKTYPE_BLUETOOTH_LE_LL_WITH_PHDR (link type 256). Functions give bytes; putting them in a file is the caller's.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+from typing import Final
+
+RADIOTAP: Final = 127
+"""Link type: radiotap header, then an 802.11 frame."""
+BLE_PHDR: Final = 256
+"""Link type: a 10-byte radio header, then a Bluetooth LE packet from its access address on."""
+
+_BYTE_ORDER: Final = 0x1A2B3C4D
+_SECTION: Final = 0x0A0D0D0A
+_INTERFACE: Final = 1
+_PACKET: Final = 6
+_NAME: Final = 2
+_RESOLUTION: Final = 9
+_COMMENT: Final = 1
+
+_FCS_AT_END: Final = 0x10
+_OFDM_2_4: Final = 0x00C0
+_OFDM_5: Final = 0x0140
+"""Channel flags: OFDM, 2.4 or 5 GHz."""
+_PRESENT: Final = 1 << 1 | 1 << 2 | 1 << 3 | 1 << 5
+"""Flags, rate, channel, antenna signal (radiotap.org, defined fields)."""
+_NO_SIGNAL: Final = 1 << 1 | 1 << 2 | 1 << 3
+
+_DEWHITENED: Final = 0x0001
+_SIGNAL_VALID: Final = 0x0002
+_REFERENCE_VALID: Final = 0x0010
+_AUXILIARY: Final = 1 << 7
+"""PDU type: auxiliary advertising."""
+_CRC_CHECKED: Final = 0x0400
+_CRC_VALID: Final = 0x0800
+_CODED_PHY: Final = 2 << 14
+_ADVERTISING: Final = 0x8E89BED6
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    body += bytes(-len(body) % 4)
+    size = len(body) + 12
+    return struct.pack("<II", kind, size) + body + struct.pack("<I", size)
+
+
+def _option(code: int, value: bytes) -> bytes:
+    return struct.pack("<HH", code, len(value)) + value + bytes(-len(value) % 4)
+
+
+def head(interfaces: Iterable[tuple[str, int]]) -> bytes:
+    """A file's beginning: its section, and its interfaces (name, link type), numbered from 0. Times count ns."""
+    blocks = [_block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1))]
+    for name, link_type in interfaces:
+        options = _option(_NAME, name.encode()) + _option(_RESOLUTION, b"\x09") + _option(0, b"")
+        blocks.append(_block(_INTERFACE, struct.pack("<HHI", link_type, 0, 0) + options))
+    return b"".join(blocks)
+
+
+def packet(interface: int, utc_ns: int, data: bytes, comment: str = "") -> bytes:
+    """One packet, captured whole on interface number `interface` at `utc_ns` (nanoseconds of Unix time, 0 or later)."""
+    fixed = struct.pack("<IIIII", interface, utc_ns >> 32, utc_ns & 0xFFFFFFFF, len(data), len(data))
+    options = _option(_COMMENT, comment.encode()) + _option(0, b"") if comment else b""
+    return _block(_PACKET, fixed + data + bytes(-len(data) % 4) + options)
+
+
+def wifi_frequency_mhz(channel: int) -> int:
+    """The centre of a 20 MHz channel (802.11-2016, annex E): 1…14 at 2.4 GHz, 36…177 at 5 GHz; else `ValueError`."""
+    if channel == 14:
+        return 2484
+    if 1 <= channel <= 13:
+        return 2407 + 5 * channel
+    if 36 <= channel <= 177:
+        return 5000 + 5 * channel
+    raise ValueError(f"Wi-Fi channel {channel}: 1…14 or 36…177")
+
+
+def radiotap(channel: int, rate_mbps: float, signal_dbm: float | None) -> bytes:
+    """The header before an 802.11 frame with its FCS; the signal in whole dB, as the format has it."""
+    flags = _OFDM_5 if channel > 14 else _OFDM_2_4
+    fields = struct.pack("<BBHH", _FCS_AT_END, round(rate_mbps * 2), wifi_frequency_mhz(channel), flags)
+    if signal_dbm is None:
+        return struct.pack("<BBHI", 0, 0, 8 + len(fields), _NO_SIGNAL) + fields
+    fields += struct.pack("<b", _whole_db(signal_dbm))
+    return struct.pack("<BBHI", 0, 0, 8 + len(fields), _PRESENT) + fields
+
+
+def ble_rf_channel(index: int) -> int:
+    """The RF channel 0…39 (2402 MHz + 2 MHz each) of a channel index 0…39 (Core 5.4, Vol 6 Part B, 1.4.1)."""
+    if not 0 <= index <= 39:
+        raise ValueError(f"BLE channel index {index}: 0…39")
+    if index >= 37:
+        return (0, 12, 39)[index - 37]
+    return index + 1 if index <= 10 else index + 2
+
+
+def ble_phdr(channel: int, signal_dbm: float | None, *, coded: bool, auxiliary: bool) -> bytes:
+    """The header before a BLE packet that was received whole, on channel index `channel`; the signal in whole dB."""
+    flags = _DEWHITENED | _REFERENCE_VALID | _CRC_CHECKED | _CRC_VALID
+    flags |= _CODED_PHY * coded | _AUXILIARY * auxiliary | _SIGNAL_VALID * (signal_dbm is not None)
+    signal = 0 if signal_dbm is None else _whole_db(signal_dbm)
+    return struct.pack("<BbbBIH", ble_rf_channel(channel), signal, 0, 0, _ADVERTISING, flags)
+
+
+def _whole_db(signal_dbm: float) -> int:
+    return min(max(round(signal_dbm), -128), 127)

@@ -1,0 +1,161 @@
+"""Remote ID in columns: the same bytes and numbers as one by one, for honest, hostile and broken bodies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyrange.agent.payloads import Payloads
+from skyrange.codec import f3411_columns, rid_link
+from skyrange.codec.f3411 import BasicId, Location, MessagePack, MessageType, Single, decode, encode
+from skyrange.codec.rid_link import RidFrame, RidHeader
+from skyrange.core.errors import DecodeError
+from tests.property.test_f3411_roundtrip import MESSAGES, SINGLES, locations
+
+NUMBERS = (
+    "lat_deg", "lon_deg", "alt_geo_m", "alt_baro_m", "height_m", "speed_mps", "vertical_mps", "track_deg",
+    "timestamp_s",
+)  # fmt: skip
+CODES = (
+    "status", "height_type", "horizontal_accuracy", "vertical_accuracy", "baro_accuracy", "speed_accuracy",
+    "timestamp_accuracy",
+)  # fmt: skip
+
+BODIES = st.one_of(
+    MESSAGES.map(encode),
+    st.binary(max_size=260),
+    st.binary(min_size=25, max_size=25),
+    st.builds(lambda count, rest: (bytes([0xF2, 25, count]) + rest)[: 3 + 25 * count], st.integers(0, 12),
+              st.binary(min_size=300, max_size=300)),
+)  # fmt: skip
+
+
+def parts_of(body: bytes) -> tuple[Single, ...]:
+    try:
+        message = decode(body)
+    except DecodeError:
+        return ()
+    return message.messages if isinstance(message, MessagePack) else (message,)
+
+
+@given(st.lists(BODIES, max_size=12))
+@settings(max_examples=200, deadline=None)
+def test_rows_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
+    rows = f3411_columns.location_rows(Payloads.of(bodies))
+    for row, body in enumerate(bodies):
+        parts = parts_of(body)
+        location = next((part for part in parts if isinstance(part, Location)), None)
+        who = next((part for part in parts if isinstance(part, BasicId)), None)
+        assert rows.found[row] == (location is not None)
+        assert rows.has_id[row] == (who is not None)
+        assert rows.uas_id[row] == (who.uas_id.encode("latin-1") if who else b"")
+        if who:
+            assert (rows.id_type[row], rows.ua_type[row]) == (who.id_type, who.ua_type)
+        for name in NUMBERS:
+            one = getattr(location, name, None)
+            got = getattr(rows, name)[row]
+            assert math.isnan(got) if one is None else got == one, name
+        if location:
+            assert [getattr(rows, name)[row] for name in CODES] == [getattr(location, name) for name in CODES]
+
+
+@given(st.lists(locations(), min_size=1, max_size=8))
+@settings(max_examples=200, deadline=None)
+def test_columns_are_written_as_one_by_one(messages: list[Location]) -> None:
+    messages = [message._replace(version=2) for message in messages]
+    columns = {
+        name: np.array([np.nan if getattr(m, name) is None else getattr(m, name) for m in messages]) for name in NUMBERS
+    }
+    codes = {name: np.array([getattr(m, name) for m in messages]) for name in CODES}
+    rows = f3411_columns.encode_locations(**columns, **codes)
+    assert [row.tobytes() for row in rows] == [encode(message) for message in messages]
+
+
+@given(st.lists(st.tuples(SINGLES, SINGLES, SINGLES), min_size=1, max_size=6))
+@settings(deadline=None)
+def test_packs_are_built_as_one_by_one(rows: list[tuple[Single, Single, Single]]) -> None:
+    parts = [f3411_columns.rows_of([encode(row[place]) for row in rows]) for place in range(3)]
+    assert list(f3411_columns.pack_rows(parts)) == [encode(MessagePack(row)) for row in rows]
+    assert list(f3411_columns.single_rows(parts[0])) == [encode(row[0]) for row in rows]
+
+
+def test_what_has_no_bytes_is_refused_in_columns_too() -> None:
+    here = np.array([40.0])
+    for bad in ({"speed_mps": -0.5}, {"track_deg": 361.0}, {"timestamp_s": 7000.0}, {"status": 16}, {"height_type": 2}):
+        with pytest.raises(ValueError, match=next(iter(bad))):
+            f3411_columns.encode_locations(**{"status": 2, "lat_deg": here, "lon_deg": here, "alt_geo_m": 0.0, **bad})
+    with pytest.raises(ValueError, match="lat_deg"):
+        f3411_columns.encode_locations(2, np.array([220.0]), here, 0.0)
+    with pytest.raises(ValueError, match="both unknown"):
+        f3411_columns.encode_locations(2, np.array([np.nan]), here, 0.0)
+    with pytest.raises(ValueError, match="1…9"):
+        f3411_columns.pack_rows([np.zeros((1, 25), dtype=np.uint8)] * 10)
+
+
+def test_saturation_and_unknowns_in_columns() -> None:
+    here = np.full(3, 40.0)
+    rows = f3411_columns.encode_locations(
+        2, here, here, np.array([-5000.0, np.nan, 1e6]), speed_mps=np.array([np.inf, np.nan, 254.2]),
+        vertical_mps=np.array([-100.0, np.nan, np.inf]),
+    )  # fmt: skip
+    columns = f3411_columns.location_rows(f3411_columns.single_rows(rows))
+    np.testing.assert_array_equal(columns.alt_geo_m, [-999.5, np.nan, 31767.5])
+    np.testing.assert_array_equal(columns.speed_mps, [254.25, np.nan, 254.25])
+    np.testing.assert_array_equal(columns.vertical_mps, [-62.0, np.nan, 62.0])
+
+
+HEADERS = st.builds(
+    RidHeader, st.integers(1, 4), st.integers(0, 255), st.integers(0, 255), st.binary(min_size=6, max_size=6),
+    st.integers(-32768, 32767), st.integers(-(2**63), 2**63 - 1),
+)  # fmt: skip
+
+
+@given(st.lists(st.tuples(HEADERS, st.binary(max_size=240)), max_size=8))
+@settings(deadline=None)
+def test_link_payloads_are_packed_in_columns_as_one_by_one(rows: list[tuple[RidHeader, bytes]]) -> None:
+    singly = [rid_link.pack(header, body) for header, body in rows]
+    columns = [np.array([getattr(header, name) for header, _ in rows]) for name in RidHeader._fields]
+    columns[3] = np.array([list(header.address) for header, _ in rows], dtype=np.uint8).reshape(-1, 6)
+    together = rid_link.pack_rows(*columns, Payloads.of(body for _, body in rows))
+    assert list(together) == singly
+    assert [rid_link.unpack(payload) for payload in singly] == [RidFrame(header, body) for header, body in rows]
+
+
+@given(st.lists(st.tuples(HEADERS, st.binary(max_size=60)).map(lambda row: rid_link.pack(*row)), max_size=6), st.data())
+@settings(max_examples=200, deadline=None)
+def test_broken_link_payloads_are_marked_and_the_others_read(payloads: list[bytes], data: st.DataObject) -> None:
+    hostile = []
+    for payload in payloads:
+        kind = data.draw(st.sampled_from(["whole", "cut", "longer", "flipped"]))
+        raw = bytearray(payload)
+        if kind == "flipped":
+            raw[data.draw(st.integers(0, len(raw) - 1))] ^= data.draw(st.integers(1, 255))
+        cut = data.draw(st.integers(0, len(raw) - 1))
+        hostile.append({"cut": bytes(raw[:cut]), "longer": bytes(raw) + b"x"}.get(kind, bytes(raw)))
+    columns = rid_link.read_rows(Payloads.of(hostile))
+    bodies = list(columns.bodies)
+    for row, payload in enumerate(hostile):
+        try:
+            frame = rid_link.unpack(payload)
+        except DecodeError:
+            assert not columns.good[row]
+            assert bodies[row] == b""
+            continue
+        assert columns.good[row]
+        assert bodies[row] == frame.body
+        got = RidHeader(
+            int(columns.transport[row]), int(columns.channel[row]), int(columns.counter[row]),
+            columns.address[row].tobytes(), int(columns.rssi_cdbm[row]), int(columns.time_ns[row]),
+        )  # fmt: skip
+        assert got == frame.header
+
+
+def test_a_pack_within_a_pack_is_not_looked_into() -> None:
+    inner = bytes([0xF2]) + encode(BasicId(1, 2, "A"))[1:]
+    body = bytes([0xF2, 25, 2]) + inner + encode(BasicId(1, 2, "B"))
+    places = f3411_columns.places_of(Payloads.of([body]), MessageType.BASIC_ID)
+    assert places.tolist() == [28]
