@@ -193,11 +193,23 @@ class Medium(Protocol):
     """In the order of every table's rows: sorted by name."""
     lookahead_ns: Time
     """Extra latency of an engine that is a program; 0 for the builtin."""
-    losses: Ints
-    """(radios, outcomes): how often each `Outcome` was met at each receiver so far."""
+
+    @property
+    def losses(self) -> Ints:
+        """(radios, outcomes): how often each `Outcome` was met at each receiver so far."""
+        ...
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing waits or is on the air: an `advance` would answer nothing."""
+        ...
 
     def offer(self, now: Time, requests: TxBatch) -> None:
-        """Take frames to be sent. Raises ValueError for a row that is not there or a time that has passed."""
+        """Take frames to be sent. Raises ValueError for a row that is not there or a time that has passed.
+
+        A frame that does not exist (its size, channel, waveform or power) is told of as REFUSED; of one that is taken,
+        everything has been told two seconds after its time.
+        """
         ...
 
     def emit(self, now: Time, sources: EmitterTable) -> None:

@@ -1,7 +1,7 @@
 """When does a frame get on the air? Carrier sense and backoff for Wi-Fi, a random delay for Bluetooth advertising.
 
 Wi-Fi: the DCF of IEEE 802.11-2020 10.3.4 for frames that nobody acknowledges. A channel idle for DIFS is taken at once;
-otherwise as many idle slots are counted as were drawn from 0…CWmin, standing still while it is busy. Slot, SIFS and CWmin:
+otherwise as many idle slots are counted as were drawn from 0…CWmin, standing still while it is busy. Slot, SIFS, CWmin:
 20 µs, 10 µs, 31 (DSSS, table 15-6) and 9 µs, 10 µs, 15 (OFDM at 2.4 GHz, table 18-5). A channel is busy from the moment
 that a frame on it arrives with -82 dBm or more (17.3.10.6), or noise with -62 dBm; what started within the last 15 µs
 (DSSS) or 4 µs (OFDM) is not sensed yet, so equal draws collide, and so do senders that do not hear each other.
@@ -162,7 +162,18 @@ def _noise_until(
         if share <= 0.0:
             continue
         power = arriving_dbm(
-            setting, sky, radios.who, radios.aerial, pos, vel, emitters[0, e], radio, emitted[2, e], emitted[0, e], now, ENERGY_DBM - 20.0
+            setting,
+            sky,
+            radios.who,
+            radios.aerial,
+            pos,
+            vel,
+            emitters[0, e],
+            radio,
+            emitted[2, e],
+            emitted[0, e],
+            now,
+            ENERGY_DBM - 20.0,
         )
         if power > SILENT:
             total += share * 10.0 ** (0.1 * power)

@@ -158,7 +158,10 @@ def judge(
             air.other[o, :reached] = 0.0
             slot = others[o]
             share = share_within(
-                centre_mhz(air.slot[WAVE, slot], air.slot[CHANNEL, slot]), WIDTH_MHZ[air.slot[WAVE, slot]], centre, width
+                centre_mhz(air.slot[WAVE, slot], air.slot[CHANNEL, slot]),
+                WIDTH_MHZ[air.slot[WAVE, slot]],
+                centre,
+                width,
             )
             if share > 0.0:
                 for k in range(air.slot[COUNT, slot]):
@@ -191,7 +194,18 @@ def judge(
                 continue
             floor = radios.noise_dbm[r, kind] - 10.0 - 10.0 * math.log10(share)
             power = arriving_dbm(
-                setting, sky, radios.who, radios.aerial, pos, vel, emitters[0, e], r, emitted[2, e], emitted[0, e], start, floor
+                setting,
+                sky,
+                radios.who,
+                radios.aerial,
+                pos,
+                vel,
+                emitters[0, e],
+                r,
+                emitted[2, e],
+                emitted[0, e],
+                start,
+                floor,
             )
             if power > SILENT:
                 begins[count], ends[count] = emitters[1, e], emitters[2, e]

@@ -1,6 +1,6 @@
 """A burst starts: whom does it reach, how strongly, and who stays with it?
 
-A receiver locks on the first frame whose preamble it can find, and stays with it to the end of it, unless a later one is
+A receiver locks on the first frame whose preamble it can find, and stays with it to its end, unless a later one is
 `CAPTURE_DB` stronger: that of message-in-message capture, 10 dB in J. Lee et al., "An experimental study on the capture
 effect in 802.11a networks" (WinTECH 2007). What is weaker is then missed, however well it could be heard alone.
 """
@@ -82,8 +82,8 @@ def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Flo
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     mask = head.shape[0] - 1
     count = 0
-    column0, column1 = int(math.floor((x - reach) / BUCKET_M)), int(math.floor((x + reach) / BUCKET_M))
-    row0, row1 = int(math.floor((y - reach) / BUCKET_M)), int(math.floor((y + reach) / BUCKET_M))
+    column0, column1 = math.floor((x - reach) / BUCKET_M), math.floor((x + reach) / BUCKET_M)
+    row0, row1 = math.floor((y - reach) / BUCKET_M), math.floor((y + reach) / BUCKET_M)
     for column in range(column0, column1 + 1):
         for row in range(row0, row1 + 1):
             r = head[bucket(column, row, mask)]

@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.air import Floats
+from skyrange.agent.air import Floats, Ints
 from skyrange.core.compiled import kernel
 from skyrange.radio.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
 from skyrange.radio.propagation import dipole_dbi, open_db, wavelength_m
 from skyrange.radio.sightlines import Skyline, obstruction_db
-from skyrange.radio.table import Air, Radios
+from skyrange.radio.table import Radios
 
 SILENT: Final = -math.inf
 HIDDEN_DB: Final = 6.0
@@ -86,14 +86,14 @@ def arriving_dbm(
     uy = vel[receiver, 1] - vel[sender, 1]
     uz = vel[receiver, 2] - vel[sender, 2]
     bin_ns = coherence_ns(math.sqrt(ux * ux + uy * uy + uz * uz), wavelength)
-    return mean + fade_db(setting.seed, pair, time_ns, bin_ns, centre, hidden)
+    return float(mean + fade_db(setting.seed, pair, time_ns, bin_ns, centre, hidden))
 
 
 @kernel
 def reach_m(setting: Setting, radios: Radios, power_dbm: float, floor_dbm: float, centre: float) -> float:
     """How far a signal can be above a floor at the best receiver, in free space."""
     budget = power_dbm + 2.0 * max(radios.best_dbi, 0.0) - floor_dbm
-    return min(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget), setting.horizon_m)
+    return float(min(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget), setting.horizon_m))
 
 
 @kernel
@@ -103,14 +103,14 @@ def bucket(column: int, row: int, mask: int) -> int:
 
 
 @kernel
-def sort(air: Air, pos: Floats) -> None:
-    """List all radios by place."""
-    air.head[:] = -1
-    mask = air.head.shape[0] - 1
+def sort(head: Ints, follow: Ints, pos: Floats) -> None:
+    """List all radios by place: the first of each bucket in `head` (a power of two of them), the next in `follow`."""
+    head[:] = -1
+    mask = head.shape[0] - 1
     for i in range(pos.shape[0] - 1, -1, -1):
         x, y = pos[i, 0] / BUCKET_M, pos[i, 1] / BUCKET_M
         if not (abs(x) < 1e9 and abs(y) < 1e9):
             continue
-        place = bucket(int(math.floor(x)), int(math.floor(y)), mask)
-        air.follow[i] = air.head[place]
-        air.head[place] = i
+        place = bucket(math.floor(x), math.floor(y), mask)
+        follow[i] = head[place]
+        head[place] = i

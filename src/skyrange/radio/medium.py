@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 _DONE, _SLOTS, _HEARD = range(3)
 _POINTER_BYTES = 7
 """ADV_EXT_IND: extended header length, flags, ADI 2, AuxPtr 3 (Core vol. 6 part B 2.3.4)."""
+_NONE = np.zeros(0, dtype=np.int64)
+_NOTHING = OnAir(Sent(*(_NONE,) * 6), Heard(_NONE, _NONE, _NONE, _NONE, np.zeros(0), np.zeros(0), _NONE))
 _NO_TIME = np.iinfo(np.int64).max
 
 
@@ -113,7 +115,7 @@ class BuiltinMedium:
         """What is declared never changes and stays shared; what is on the air is copied."""
         twin = object.__new__(BuiltinMedium)
         twin.__dict__.update(self.__dict__)
-        twin._air = Air(*(array.copy() for array in self._air))
+        twin._air = self._air._replace(**{name: array.copy() for name, array in self._air._asdict().items()})
         twin._refused = copy.copy(self._refused)
         return twin
 
@@ -123,6 +125,12 @@ class BuiltinMedium:
         are not counted, and pointers only where they were not decoded.
         """
         return self._air.losses
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing waits or is on the air."""
+        waiting = int(self._air.counts[0])
+        return waiting == 0 and not self._refused and not (self._air.slot[table.STATE] == table.ON_AIR).any()
 
     def offer(self, now: Time, requests: TxBatch) -> None:
         """Take frames; those that do not exist (size, channel, waveform, power) are REFUSED in the next answer."""
@@ -145,9 +153,7 @@ class BuiltinMedium:
         good &= np.isfinite(power) & (power <= 60.0) & (requests.key >= 0)
         good &= ~wifi | ((channel >= 1) & (channel <= 13))
         for row in np.flatnonzero(~good).tolist():
-            self._refused.append(
-                (int(requests.key[row]), int(radio[row]), int(requests.channel[row]), int(at[row]))
-            )
+            self._refused.append((int(requests.key[row]), int(radio[row]), int(requests.channel[row]), int(at[row])))
         rows = np.flatnonzero(good)
         order = rows[np.lexsort((rows, at[rows], radio[rows]))]
         nth = _rank(radio[order], at[order])
@@ -190,7 +196,7 @@ class BuiltinMedium:
         self._air.counts[0] = count + 1
 
     def emit(self, now: Time, sources: EmitterTable) -> None:
-        """Make noise from `now` on. Sources of no width, of powers or frequencies that are no numbers, are ValueErrors."""
+        """Make noise from `now` on. Raises ValueError for a source without width, or with numbers that are none."""
         numbers = np.stack((sources.centre_mhz, sources.width_mhz, sources.power_dbm)).astype(np.float64)
         if not np.isfinite(numbers).all() or not (numbers[1] > 0.0).all() or not (numbers[2] <= 90.0).all():
             raise ValueError("a noise source needs a finite centre, a width above 0 MHz and at most 90 dBm")
@@ -211,10 +217,12 @@ class BuiltinMedium:
             raise ValueError(f"places of shape {pos.shape} for {len(self.radios)} radios")
         if self._until is not None and until < self._until:
             raise ValueError(f"asked to advance to {until} ns from {self._until} ns")
-        if self._sorted is not pos:
-            sort(self._air, pos)
-            self._sorted = pos
         self._until = until
+        if self.quiet:
+            return _NOTHING
+        if self._sorted is not pos:
+            sort(self._air.head, self._air.follow, pos)
+            self._sorted = pos
         air = table.with_room(self._air, sent=int(self._air.counts[0]) + self._air.slot.shape[1] + 8)
         while True:
             done = _run(self._setting, self._sky, self._radios, pos, vel, air, self._emitters, self._emitted, until)

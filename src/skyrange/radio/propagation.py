@@ -1,4 +1,4 @@
-"""How much of a signal arrives over open ground, behind an edge, from an antenna? Loss and gain in dB, without chance."""
+"""How much of a signal arrives over open ground, behind an edge, from an antenna? Loss and gain in dB, no chance."""
 
 from __future__ import annotations
 

@@ -26,8 +26,9 @@ NEAR_M: Final = 4.0
 END_M: Final = 1.0
 """Edges count as at least this far from either antenna."""
 ROW: Final = 2
-"""Round the sides of so many buildings in a row the signal finds a way, if there is one; past more it comes over them."""
+"""Round the sides of so many buildings in a row the signal finds a way; past more it comes over them."""
 BEYOND: Final = math.inf
+_MINOR_DB: Final = 10.0  # a way that much longer than that over the roofs adds less than half a dB
 _SUM_DB: Final = 4.8  # three equal ways together are 4.8 dB above one of them
 
 
@@ -111,8 +112,8 @@ def _walk(
         begin, end = max(begin, min(one, two)), min(end, max(one, two))
     elif y < 0.0 or y >= rows:
         end = -1.0
-    column = min(max(int(math.floor(x + begin * wx)), 0), columns - 1)
-    row = min(max(int(math.floor(y + begin * wy)), 0), rows - 1)
+    column = min(max(math.floor(x + begin * wx), 0), columns - 1)
+    row = min(max(math.floor(y + begin * wy), 0), rows - 1)
     next_x = next_y = each_x = each_y = math.inf
     if wx != 0.0:
         next_x, each_x = (column + (1.0 if wx > 0.0 else 0.0) - x) / wx, abs(1.0 / wx)
@@ -128,7 +129,7 @@ def _per(way: float) -> float:
 
 
 class Cut(NamedTuple):
-    """What a line meets: the steepest slopes from both its ends over and round what cuts it, and the nearest roof below."""
+    """What a line meets: the steepest slopes from both its ends over and round what cuts it, and the roof below."""
 
     cut: int
     """How many buildings cut it, as far as was looked; more than `ROW` leave no way round."""
@@ -270,9 +271,9 @@ def obstruction_db(
         return BEYOND
     ends = (ax, ay, az, dx, dy, dz)
     power = 10.0 ** (-0.1 * over)
-    if left <= most and met.left_a * met.left_b > 0.0:
+    if left <= over + _MINOR_DB and met.left_a * met.left_b > 0.0:
         power += 10.0 ** (-0.1 * _round_db(sky, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
-    if right <= most and met.right_a * met.right_b > 0.0:
+    if right <= over + _MINOR_DB and met.right_a * met.right_b > 0.0:
         power += 10.0 ** (-0.1 * _round_db(sky, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
     loss = -10.0 * math.log10(power)
     return loss if loss <= margin_db else BEYOND

@@ -11,8 +11,8 @@ class Surroundings:
     """Parameters of the builtin medium that belong to a place and not to a radio."""
 
     horizon_m: float = 1_000.0
-    """Beyond it nobody hears anybody; what the air costs grows with its square. Open Drone ID gives 200 to 400 m for Wi-Fi
-    and legacy Bluetooth and four times that for Long Range (opendroneid.org)."""
+    """Beyond it nobody hears anybody; what the air costs grows with its square. Open Drone ID has 200 to 400 m for
+    Wi-Fi and legacy Bluetooth and four times that for Long Range (opendroneid.org)."""
     chance: bool = True
     """Shadowing and fading; without, signals are their medians."""
     city_busy: float = 0.0

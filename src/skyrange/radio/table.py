@@ -1,4 +1,4 @@
-"""What does a medium keep, as arrays for its kernels? The radios as they are declared, and the air as it is just now."""
+"""What does a medium keep, as arrays for its kernels? The radios as declared, and the air as it is just now."""
 
 from __future__ import annotations
 
