@@ -98,7 +98,7 @@ def test_over_a_long_thin_wall():
 
 
 def test_round_one_corner():
-    """A tower too tall to pass over, its corner 5 m off the line, the other side 200 m off: J(ν) of that corner, 0.5 dB."""
+    """A tower too tall to pass over, one corner 5 m off the line, the other 200 m: J(ν) of the near one, 0.5 dB."""
     city = _city((-1.0, -200.0, 1.0, 5.0, 900.0))
     nu = 5.0 * math.sqrt(2.0 * 400.0 / (LAMBDA * 200.0 * 200.0))
     assert _loss(city, (-200.0, 0.0, 30.0), (200.0, 0.0, 30.0)) == pytest.approx(edge_db(nu), abs=0.5)
@@ -176,12 +176,12 @@ def test_shadowing_is_normal_and_decorrelates():
     side = fading.cell_side_m(True)
     here = np.empty(20_000)
     there = np.empty(20_000)
-    other = fading.cell_of(0.0, 0.0, 0.0, side)
+    other = np.uint64(fading.cell_of(0.0, 0.0, 0.0, side))
     for k in range(20_000):
-        pair = fading.pair_of(np.uint64(hash64(f"a{k}")), np.uint64(hash64("b")))
+        pair = np.uint64(fading.pair_of(np.uint64(hash64(f"a{k}")), np.uint64(hash64("b"))))
         x = 7.3 * k
-        here[k] = fading.shadow_db(SEED, pair, fading.cell_of(x, 0.0, 0.0, side), other, 10.0, True)
-        there[k] = fading.shadow_db(SEED, pair, fading.cell_of(x + 13.0, 0.0, 0.0, side), other, 10.0, True)
+        here[k] = fading.shadow_db(SEED, pair, np.uint64(fading.cell_of(x, 0.0, 0.0, side)), other, 10.0, True)
+        there[k] = fading.shadow_db(SEED, pair, np.uint64(fading.cell_of(x + 13.0, 0.0, 0.0, side)), other, 10.0, True)
     assert here.std() == pytest.approx(8.0, rel=0.02)
     assert abs(here.mean()) < 0.2
     assert np.corrcoef(here, there)[0, 1] == pytest.approx(1.0 / math.e, abs=0.03)
@@ -190,7 +190,7 @@ def test_shadowing_is_normal_and_decorrelates():
 @pytest.mark.parametrize("hidden", [True, False])
 def test_fading_has_rices_power(hidden: bool):
     """Mean 1, variance (2K + 1)/(K + 1)² (Rice; Rayleigh has K = 0): 3 % of 40,000 bins."""
-    pair = fading.pair_of(np.uint64(1), np.uint64(2))
+    pair = np.uint64(fading.pair_of(np.uint64(1), np.uint64(2)))
     power = np.array(
         [10.0 ** (0.1 * fading.fade_db(SEED, pair, k * 4096, 4096, 2437.0, hidden)) for k in range(40_000)]
     )
@@ -202,7 +202,7 @@ def test_fading_has_rices_power(hidden: bool):
 def test_fading_holds_for_the_coherence_time():
     """0.423·λ/v rounded down to a power of two: at 10 m/s 5.2 ms, so 4.19 ms; the same from both ends."""
     assert fading.coherence_ns(10.0, LAMBDA) == 1 << 22
-    pair = fading.pair_of(np.uint64(1), np.uint64(2))
+    pair = np.uint64(fading.pair_of(np.uint64(1), np.uint64(2)))
     assert pair == fading.pair_of(np.uint64(2), np.uint64(1))
     width = 1 << 22
     first = fading.fade_db(SEED, pair, 5 * width, width, 2437.0, True)

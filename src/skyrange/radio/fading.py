@@ -79,7 +79,7 @@ def cell_side_m(hidden: bool) -> float:
 def coherence_ns(speed_mps: float, wavelength: float) -> int:
     """Length of a fading bin."""
     exact = 0.423 * wavelength / max(speed_mps, SLOWEST_MPS) * 1e9
-    return 1 << int(math.floor(math.log2(exact)))
+    return 1 << math.floor(math.log2(exact))
 
 
 @kernel

@@ -162,7 +162,7 @@ def trace(
     if columns == 0 or distance < 2.0 * END_M:
         return Cut(cut, up_a, up_b, left_a, left_b, right_a, right_b, graze)
     per_x, per_y = _per(dx), _per(dy)
-    last = before = -1
+    last = before = first_cut = second_cut = -1
     column, row, east, north, next_x, next_y, each_x, each_y, way, end = _walk(
         walls.frame[0], walls.frame[1], walls.frame[2], columns, rows, ax, ay, dx, dy
     )
@@ -211,7 +211,9 @@ def trace(
                     graze = max(graze, over * math.sqrt(2.0 * distance / (wavelength * x * (distance - x))))
             if not higher:
                 continue
-            cut += 1
+            if b not in (first_cut, second_cut):
+                cut += 1
+                first_cut, second_cut = b, first_cut
             for e in range(first[b], first[b + 1]):
                 px, py = edges[e, 0] - ax, edges[e, 1] - ay
                 x = min(max((px * dx + py * dy) / distance, END_M), distance - END_M)
