@@ -226,6 +226,10 @@ class World(Protocol):
         """Set the motor commands that hold until the next tick."""
         ...
 
+    def motion(self) -> tuple[Floats, Floats]:
+        """Position and velocity, (n, 3) each, ENU metres and m/s: read-only views that later ticks refill."""
+        ...
+
     def truth(self) -> Mapping[str, NDArray[np.float64]]:
         """Named (n,) columns of the true state, in vehicle order; copies, units in the names."""
         ...
