@@ -390,6 +390,13 @@ def _number(value: object) -> str:
     return ", ".join(f"{part:g}" for part in value) if isinstance(value, tuple) else f"{value:g}"
 
 
+def part89() -> str:
+    """The rule's elements and the fields that carry them."""
+    from skyrange.codec.f3411.part89 import MODULE, STANDARD
+
+    return table(("14 CFR", "element", "carried by"), [(e.clause, e.what, e.fields) for e in (*STANDARD, *MODULE)])
+
+
 GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
@@ -407,6 +414,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "renamed": renamed,
     "tuning": tuning,
     "airframes": airframes,
+    "part89": part89,
 }
 
 

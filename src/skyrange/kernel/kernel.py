@@ -13,16 +13,17 @@ from collections.abc import Sequence
 from copy import deepcopy
 from heapq import heappop, heappush
 from math import gcd
+from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, InstanceStatus, Observer
+from skyrange.agent.contracts import Agent, InstanceStatus, Observer, Watcher
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
-from skyrange.core.ids import Port
+from skyrange.core.ids import Port, own_voice
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Lane, Mailbox, Transit
@@ -68,20 +69,22 @@ class Kernel:
         lanes = lanes_of(wiring, Chance(wiring.seed))
         self._stages = Stages(wiring.attacks, wiring.world)
         taps = place_taps(wiring, lanes, self._stages.by_id())
-        seats = [_Seat(agent, None) for agent in wiring.agents]
+        seats = [_Seat(agent, None) for agent in (*wiring.agents, *wiring.watchers)]
         seats += [_Seat(agent, stage) for stage in self._stages.each for agent in stage.plan.agents]
         self._seats = {seat.agent.name: seat for seat in seats}
         self._berths = sorted((_Berth(mount) for mount in wiring.engines), key=lambda berth: berth.engine.name)
         self._ports = sending_lanes(lanes)
         self._traffic = Traffic(lanes, observers)
         self._world = wiring.world
+        self._watchers = sorted(watcher.name for watcher in wiring.watchers)
         self._faults = FaultBench(self._stages.each, wiring.world)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
         self._ended = False
         owners = [(port, seat.box) for seat in seats for port in seat.agent.ports]
         owners += [(port, berth.box) for berth in self._berths for port in berth.engine.ports]
-        attach_routes(wiring, lanes, {port for port, _ in owners})
+        self._voices = {port: own_voice(port.endpoint) for seat in seats for port in getattr(seat.agent, "speaks", ())}
+        attach_routes(wiring, lanes, {port for port, _ in owners}, self._voices)
         incoming = {Port(lane.dst, lane.link): lane for lane in lanes.values()}
         for port, box in owners:
             if port not in incoming:
@@ -184,6 +187,10 @@ class Kernel:
         assert world is not None
         for note in world.advance(now):
             self._note(now, "world", note)
+        for name in self._watchers:
+            watcher = cast("Watcher", self._seats[name].agent)
+            if now % watcher.look_ns == 0:
+                watcher.look(now, world)
         if self._stages.present:
             for note in self._stages.tick(now, world):
                 self._note(now, "kernel", note)
@@ -281,7 +288,7 @@ class Kernel:
         singly = outbox.departures if attack is None else outbox.each(own)  # hostile frames are labelled one by one
         for port, payload, causes in singly:
             lane = self._lane(name, port)
-            frame = lane.frame(lane.src, now, payload, lane.src, lane.dst, None, causes)
+            frame = lane.frame(self._voices.get(port, lane.src), now, payload, lane.src, lane.dst, None, causes)
             if attack is not None:
                 traffic.label(Label(now, attack.id, name, "send", frame.id))
             traffic.transmit(now, lane, frame, 0)
@@ -290,8 +297,8 @@ class Kernel:
             if numbers is None:
                 numbers = np.array([self._lane(name, port).number for port in own], dtype=np.int64)
                 self._lane_numbers[name] = numbers
-            for places, payloads in outbox.blocks:
-                traffic.transmit_block(now, numbers[places], payloads)
+            for places, payloads, parents in outbox.blocks:
+                traffic.transmit_block(now, numbers[places], payloads, parents)
 
     def _lane(self, name: str, port: Port) -> Lane:
         lane = self._ports.get(port)

@@ -16,8 +16,7 @@ from skyrange.attack.contract import Attack, AttackKind, Setting, Transmitter
 from skyrange.attack.triggers import Near
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.time import NEVER, from_seconds
-from skyrange.scenario.base import Id, Model, Number, items, refuse, wrong
-from skyrange.scenario.fleet import known
+from skyrange.scenario.base import Id, Model, Number, items, known, refuse, wrong
 
 if TYPE_CHECKING:
     from skyrange.city.city import City

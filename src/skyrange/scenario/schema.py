@@ -14,6 +14,7 @@ from skyrange.agent.plugins import ATTACKS, kinds
 from skyrange.core.errors import Fault
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
+from skyrange.scenario.air import Avoidance, Radio, Receiver, RemoteId
 from skyrange.scenario.attacks import AttackTable, When, kind_of
 from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.fleet import Fleet, Start, Vehicle
@@ -25,6 +26,7 @@ from skyrange.world.wind import Wind as Air
 
 __all__ = [
     "AttackTable",
+    "Avoidance",
     "City",
     "Fleet",
     "Grid",
@@ -33,7 +35,10 @@ __all__ = [
     "Origin",
     "Path",
     "Plan",
+    "Radio",
+    "Receiver",
     "Record",
+    "RemoteId",
     "Scenario",
     "Sensors",
     "Square",
@@ -199,6 +204,10 @@ class Scenario(Model):
     wind: Wind = Field(default_factory=Wind, description="The wind; default: none.")
     sensors: Sensors = Field(default_factory=Sensors, description="The aircraft's sensors; default: usual ones.")
     record: Record = Field(default_factory=Record, description="Rates of recording.")
+    radio: Radio | None = Field(
+        default=None,
+        description="The medium of Remote ID: with it aircraft broadcast and hear each other; default: none.",
+    )
     links: tuple[Link, ...] = Field(
         default=(), description="Changes to links' channels; later ones stand over earlier."
     )

@@ -284,6 +284,13 @@ class World:
         """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""
         self._commands[rows] = actuators
 
+    def motion(self) -> tuple[Floats, Floats]:
+        """Position of the gear and velocity, (n, 3) each: read-only views that later ticks refill."""
+        views = self._position.view(), self._velocity.view()
+        for view in views:
+            view.flags.writeable = False
+        return views
+
     def truth(self) -> Mapping[str, Floats]:
         """The true state as (n,) columns; `throttle` is the mean motor command, flags are 0 or 1."""
         columns: dict[str, Floats] = {}

@@ -1,0 +1,221 @@
+"""What must a radio medium do? Who hears whom, and when a frame gets its turn: the contract, as columns.
+
+A medium never sees a frame's bytes: whoever offers a transmission keeps them, under its `key`. Nothing here knows what
+is being sent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.time import Time
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ANY_CHANNEL = -1
+"""In `TxBatch.channel`: the medium chooses. A Bluetooth request is always an advertising event on all its channels."""
+
+
+class Waveform(IntEnum):
+    """How a frame is modulated, and by which rules it gets on the air."""
+
+    DSSS_1M = 0
+    """802.11 DSSS, 1 Mb/s, long preamble; carrier sense."""
+    OFDM_6M = 1
+    """802.11 OFDM, 6 Mb/s, in the 2.4 GHz band; carrier sense."""
+    BLE_1M = 2
+    """Bluetooth LE 1M: a legacy advertising event, one PDU on each of the channels 37, 38 and 39."""
+    BLE_CODED = 3
+    """Bluetooth LE Coded, S=8: an extended advertising event, pointers on 37, 38, 39 to a PDU on a data channel."""
+
+
+class Turn(NamedTuple):
+    """A receiver's turn on one channel, for frames of some waveforms."""
+
+    channel: int
+    """Wi-Fi channel 1…13 or BLE channel index 37…39."""
+    waveforms: tuple[Waveform, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Listening:
+    """One receive chain and its round: turn by turn, `window_ns` of listening in each `dwell_ns`, then a rest.
+
+    All turns are of one band, Wi-Fi or Bluetooth. A single turn without a gap listens all the time. Where in its
+    round a receiver is at time 0 is chance, addressed by its name.
+    """
+
+    turns: tuple[Turn, ...]
+    dwell_ns: Time = 0
+    window_ns: Time = 0
+    rest_ns: Time = 0
+
+
+@dataclass(frozen=True, slots=True)
+class RadioSpec:
+    """One radio: where it stands or that it moves, what it listens to, how well it sends and hears."""
+
+    name: str
+    """Unique; addresses its chance. Of an aircraft's radio the vehicle's id."""
+    place_enu_m: tuple[float, float, float] | None = None
+    """Of a radio that stands; None where the rows of `RadioTable` move it."""
+    listening: tuple[Listening, ...] = ()
+    """At most one chain of each band; none only sends."""
+    wifi_dbm: float = 15.0
+    """Power into the antenna."""
+    ble_dbm: float = 8.0
+    antenna: str = "isotropic"
+    """`isotropic`, or `dipole`: a vertical half-wave dipole."""
+    gain_dbi: float = 0.0
+    """Added to the antenna's pattern: cables, a case, an amplifier."""
+    noise_figure_db: float = 7.0
+
+
+class RadioTable(NamedTuple):
+    """Where the radios are: rows in the order of the medium's `radios`. A NaN position is no radio at all just now."""
+
+    from_ns: Time
+    """The table holds from here until that of the next table."""
+    pos_enu_m: Floats
+    """(n, 3), metres, up from the ground."""
+    vel_enu_mps: Floats
+    """(n, 3)"""
+
+
+class TxBatch(NamedTuple):
+    """Frames that radios are asked to send: one row each, one radio's frames of one instant in their order."""
+
+    radio: Ints
+    """Row of the sender."""
+    at_ns: Ints
+    """When the frame is handed to its radio, after the last `advance`."""
+    waveform: Ints
+    """`Waveform`"""
+    channel: Ints
+    """Wi-Fi channel, or `ANY_CHANNEL`."""
+    power_dbm: Floats
+    """NaN for the radio's own."""
+    size_bytes: Ints
+    """Of the MAC frame with its check sequence, or of the advertising PDU's payload."""
+    key: Ints
+    """What the frame is called in answers; 0 or more, unique among those under way."""
+
+
+class EmitterTable(NamedTuple):
+    """Who makes noise: one row per source and band."""
+
+    radio: Ints
+    centre_mhz: Floats
+    width_mhz: Floats
+    power_dbm: Floats
+    """Total, into the antenna, spread evenly over the width."""
+    from_ns: Ints
+    to_ns: Ints
+
+
+class Fate(IntEnum):
+    """What became of a transmission."""
+
+    SENT = 0
+    NO_ACCESS = 1
+    """The channel was not free for it in time."""
+    REFUSED = 2
+    """No such frame: its size, channel or waveform does not exist."""
+
+
+class Outcome(IntEnum):
+    """What became of a frame at a receiver that was in reach of it."""
+
+    DECODED = 0
+    WEAK = 1
+    """Too little signal over noise."""
+    COLLIDED = 2
+    """Other transmissions, noise sources or the city's own load covered it; alone it would have been heard."""
+    BUSY = 3
+    """The receiver was locked on another frame."""
+    SENDING = 4
+    """The receiver's own radio was sending."""
+    ELSEWHERE = 5
+    """The receiver listened to another channel, to another waveform, or not at all."""
+
+
+class Sent(NamedTuple):
+    """Transmissions that ended, one row per burst on the air, in order of their ends."""
+
+    key: Ints
+    radio: Ints
+    channel: Ints
+    """The one that was used."""
+    started_ns: Ints
+    ended_ns: Ints
+    fate: Ints
+    """`Fate`; unless SENT, both times are those of giving up."""
+
+
+class Heard(NamedTuple):
+    """What receivers made of frames, in order of (end, key, receiver)."""
+
+    key: Ints
+    radio: Ints
+    """Row of the receiver."""
+    channel: Ints
+    ended_ns: Ints
+    rssi_dbm: Floats
+    snir_db: Floats
+    """Of the frame's worst part."""
+    outcome: Ints
+    """`Outcome`"""
+
+
+class OnAir(NamedTuple):
+    """What happened on the air in one `advance`."""
+
+    sent: Sent
+    heard: Heard
+    """All that was decoded; the rest too, where the medium was asked for every pair."""
+
+
+class Medium(Protocol):
+    """Who hears whom. State is deep-copyable.
+
+    What it answers depends neither on how the time is cut into `advance`s, nor, but for interference, on what else is
+    on the air: chance is addressed by the radios' names and by times, never by rows or counters.
+    """
+
+    radios: Sequence[RadioSpec]
+    """In the order of every table's rows: sorted by name."""
+    lookahead_ns: Time
+    """Extra latency of an engine that is a program; 0 for the builtin."""
+
+    @property
+    def losses(self) -> Ints:
+        """(radios, outcomes): how often each `Outcome` was met at each receiver so far."""
+        ...
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing waits or is on the air: an `advance` would answer nothing."""
+        ...
+
+    def offer(self, now: Time, requests: TxBatch) -> None:
+        """Take frames to be sent. Raises ValueError for a row that is not there or a time that has passed.
+
+        A frame that does not exist (its size, channel, waveform or power) is told of as REFUSED; of one that is taken,
+        everything has been told two seconds after its time.
+        """
+        ...
+
+    def emit(self, now: Time, sources: EmitterTable) -> None:
+        """From `now` on, just these sources make noise; earlier ones end."""
+        ...
+
+    def advance(self, until: Time, radios: RadioTable) -> OnAir:
+        """Let the time pass up to and including `until`, in which the radios are where `radios` says."""
+        ...

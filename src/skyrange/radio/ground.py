@@ -1,0 +1,56 @@
+"""What does the oracle tell an operator that its ground receivers heard? One JSON object per step, HTTP-like."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from skyrange.core.errors import DecodeError
+
+MAX_FRAME_BYTES = 1_048_576
+MOST_RECEPTIONS = 1_500
+"""In one object; more make more objects."""
+
+
+class Reception(BaseModel):
+    """One broadcast, as a receiver decoded it."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    receiver: str
+    time_ns: int
+    """End of the reception, range time."""
+    transport: Annotated[int, Field(ge=1, le=4)]
+    channel: Annotated[int, Field(ge=0, le=255)]
+    counter: Annotated[int, Field(ge=0, le=255)]
+    rssi_dbm: float
+    address: Annotated[str, Field(pattern=r"^[0-9a-f]{12}$")]
+    """Claimed."""
+    body: Annotated[str, Field(max_length=510, pattern=r"^([0-9a-f]{2})*$")]
+    """A message or pack of F3411, in hexadecimal."""
+
+
+class Receptions(BaseModel):
+    """What an operator's receivers decoded in one step of the oracle."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    method: Literal["POST"] = "POST"
+    path: Literal["/receptions"] = "/receptions"
+    body: Annotated[tuple[Reception, ...], Field(max_length=MOST_RECEPTIONS)]
+
+
+def encode(receptions: Receptions) -> bytes:
+    """As one frame."""
+    return receptions.model_dump_json().encode()
+
+
+def decode(payload: bytes) -> Receptions:
+    """What `encode` was given, or `DecodeError`."""
+    if len(payload) > MAX_FRAME_BYTES:
+        raise DecodeError(f"{len(payload)} bytes, at most {MAX_FRAME_BYTES} are read")
+    try:
+        return Receptions.model_validate_json(payload)
+    except (ValidationError, RecursionError) as error:
+        raise DecodeError(f"no receptions: {str(error).splitlines()[0]}") from error

@@ -1,0 +1,116 @@
+"""How strong is one radio's signal at another? Everything between two antennas, put together; and who is in reach."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.air import Floats, Ints
+from skyrange.core.compiled import kernel
+from skyrange.radio.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
+from skyrange.radio.propagation import dipole_dbi, open_db, wavelength_m
+from skyrange.radio.sightlines import Skyline, obstruction_db
+from skyrange.radio.table import Radios
+
+SILENT: Final = -math.inf
+HIDDEN_DB: Final = 6.0
+"""From this loss on a path is out of sight: an edge exactly on the line costs 6 dB."""
+BUCKET_M: Final = 400.0
+
+
+class Setting(NamedTuple):
+    """What holds for the whole medium, for kernels."""
+
+    seed: np.uint64
+    horizon_m: float
+    chance: bool
+    """Whether there is shadowing and fading."""
+    busy: float
+    """The city's own load: share of time, and its mean strength at any receiver."""
+    busy_mw: float
+    every_pair: bool
+
+
+@kernel
+def antenna_dbi(pattern: float, gain_dbi: float, sine: float) -> float:
+    """Gain of an antenna towards an elevation."""
+    return gain_dbi + dipole_dbi(sine) if pattern == 1.0 else gain_dbi
+
+
+@kernel
+def arriving_dbm(
+    setting: Setting,
+    sky: Skyline,
+    who: NDArray[np.uint64],
+    aerial: Floats,
+    pos: Floats,
+    vel: Floats,
+    sender: int,
+    receiver: int,
+    power_dbm: float,
+    centre: float,
+    time_ns: int,
+    floor_dbm: float,
+) -> float:
+    """Power at the receiver's input; `SILENT` where its mean is below `floor_dbm`, or there is no radio."""
+    ax, ay, az = pos[sender, 0], pos[sender, 1], pos[sender, 2]
+    bx, by, bz = pos[receiver, 0], pos[receiver, 1], pos[receiver, 2]
+    dx, dy, dz = bx - ax, by - ay, bz - az
+    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+    if not distance <= setting.horizon_m:  # not a number, too
+        return SILENT
+    wavelength = wavelength_m(centre)
+    sine = dz / distance if distance > 0.0 else 0.0
+    mean = power_dbm + antenna_dbi(aerial[sender, 0], aerial[sender, 1], sine)
+    mean += antenna_dbi(aerial[receiver, 0], aerial[receiver, 1], -sine)
+    mean -= open_db(distance, az, bz, wavelength)
+    if mean < floor_dbm:
+        return SILENT
+    loss = obstruction_db(sky, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
+    if loss > mean - floor_dbm:
+        return SILENT
+    mean -= loss
+    if not setting.chance:
+        return mean
+    hidden = loss >= HIDDEN_DB
+    pair = pair_of(who[sender], who[receiver])
+    side = cell_side_m(hidden)
+    near, far = cell_of(ax, ay, az, side), cell_of(bx, by, bz, side)
+    if who[receiver] < who[sender]:
+        near, far = far, near
+    mean += shadow_db(setting.seed, pair, near, far, max(min(az, bz), 0.0), hidden)
+    ux = vel[receiver, 0] - vel[sender, 0]
+    uy = vel[receiver, 1] - vel[sender, 1]
+    uz = vel[receiver, 2] - vel[sender, 2]
+    bin_ns = coherence_ns(math.sqrt(ux * ux + uy * uy + uz * uz), wavelength)
+    return float(mean + fade_db(setting.seed, pair, time_ns, bin_ns, centre, hidden))
+
+
+@kernel
+def reach_m(setting: Setting, radios: Radios, power_dbm: float, floor_dbm: float, centre: float) -> float:
+    """How far a signal can be above a floor at the best receiver, in free space."""
+    budget = power_dbm + 2.0 * max(radios.best_dbi, 0.0) - floor_dbm
+    return float(min(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget), setting.horizon_m))
+
+
+@kernel
+def bucket(column: int, row: int, mask: int) -> int:
+    """Where the radios of a square of the plane are listed."""
+    return (column * 73856093 ^ row * 19349663) & mask
+
+
+@kernel
+def sort(head: Ints, follow: Ints, pos: Floats) -> None:
+    """List all radios by place: the first of each bucket in `head` (a power of two of them), the next in `follow`."""
+    head[:] = -1
+    mask = head.shape[0] - 1
+    for i in range(pos.shape[0] - 1, -1, -1):
+        x, y = pos[i, 0] / BUCKET_M, pos[i, 1] / BUCKET_M
+        if not (abs(x) < 1e9 and abs(y) < 1e9):
+            continue
+        place = bucket(math.floor(x), math.floor(y), mask)
+        follow[i] = head[place]
+        head[place] = i

@@ -1,0 +1,265 @@
+"""Who hears whom? The builtin medium: 2.4 GHz among buildings, frame by frame, all of a step in one compiled call."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.air import (
+    ANY_CHANNEL,
+    EmitterTable,
+    Fate,
+    Floats,
+    Heard,
+    Ints,
+    OnAir,
+    RadioSpec,
+    RadioTable,
+    Sent,
+    TxBatch,
+    Waveform,
+)
+from skyrange.core.chance import Chance
+from skyrange.core.compiled import kernel
+from skyrange.core.time import NEVER, Time
+from skyrange.radio import access, table
+from skyrange.radio.access import WINDOW, gets_on_air, next_waiting
+from skyrange.radio.check import check
+from skyrange.radio.judge import judge, next_end
+from skyrange.radio.launch import free_slot, launch
+from skyrange.radio.link import Setting, sort
+from skyrange.radio.sightlines import Skyline, skyline
+from skyrange.radio.spectrum import ADVERTISING, DATA_CHANNELS
+from skyrange.radio.surroundings import OPEN_AIR, Surroundings
+from skyrange.radio.table import Air, Radios
+from skyrange.radio.waveforms import LEAST_BYTES, MOST_BYTES, airtime_ns
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
+
+_DONE, _SLOTS, _HEARD = range(3)
+_POINTER_BYTES = 7
+"""ADV_EXT_IND: extended header length, flags, ADI 2, AuxPtr 3 (Core vol. 6 part B 2.3.4)."""
+_NONE = np.zeros(0, dtype=np.int64)
+_NOTHING = OnAir(Sent(*(_NONE,) * 6), Heard(_NONE, _NONE, _NONE, _NONE, np.zeros(0), np.zeros(0), _NONE))
+_NO_TIME = np.iinfo(np.int64).max
+
+
+@kernel
+def _run(
+    setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, emitters: Ints,
+    emitted: Floats, until: int,
+) -> int:  # fmt: skip
+    """Act in order of time up to `until`; ends go before starts of the same instant."""
+    while True:
+        w, s = next_waiting(air), next_end(air)
+        start = air.wait[table.PLAN, w] if w >= 0 else _NO_TIME
+        end = air.slot[table.END, s] if s >= 0 else _NO_TIME
+        if min(start, end) > until:
+            return _DONE
+        if end <= start:
+            if air.counts[1] + air.slot[table.COUNT, s] > air.heard.shape[1]:
+                return _HEARD
+            judge(setting, sky, radios, pos, vel, air, s, emitters, emitted)
+        else:
+            free = free_slot(air)
+            if free < 0:
+                return _SLOTS
+            if gets_on_air(setting, sky, radios, pos, vel, air, w, emitters, emitted):
+                launch(setting, sky, radios, pos, vel, air, w, start, free)
+
+
+class BuiltinMedium:
+    """A `Medium` for Wi-Fi and Bluetooth at 2.4 GHz, over open ground or in a city.
+
+    Its clock starts with the first `advance`. Deep copies go on alike; the city is shared.
+    """
+
+    lookahead_ns: Time = 0
+
+    def __init__(
+        self,
+        radios: Sequence[RadioSpec],
+        chance: Chance,
+        city: City | None = None,
+        surroundings: Surroundings = OPEN_AIR,
+        every_pair: bool = False,
+    ) -> None:
+        """`every_pair` tells of frames that were not decoded, too.
+
+        Raises InputError with every fault of the radios at once: two of one name, a place that is no number or
+        inside a building, an antenna, a channel or a power that does not exist.
+        """
+        check(radios, city, surroundings)
+        self.radios: Sequence[RadioSpec] = tuple(sorted(radios, key=lambda radio: radio.name))
+        self._chance = chance
+        self._sky = skyline(city.walls()) if city is not None else skyline()
+        self._radios = table.radios_of(self.radios, chance)
+        self._setting = Setting(
+            np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF), float(surroundings.horizon_m), surroundings.chance,
+            float(surroundings.city_busy), 10.0 ** (0.1 * surroundings.city_dbm), every_pair,
+        )  # fmt: skip
+        self._air = table.still_air(len(self.radios))
+        self._emitters = np.zeros((3, 0), dtype=np.int64)
+        self._emitted = np.zeros((3, 0))
+        self._until: Time | None = None
+        self._sorted: NDArray[np.float64] | None = None
+        self._refused: list[tuple[int, int, int, Time]] = []
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> BuiltinMedium:
+        """What is declared never changes and stays shared; what is on the air is copied."""
+        twin = object.__new__(BuiltinMedium)
+        twin.__dict__.update(self.__dict__)
+        twin._air = self._air._replace(**{name: array.copy() for name, array in self._air._asdict().items()})
+        twin._refused = copy.copy(self._refused)
+        return twin
+
+    @property
+    def losses(self) -> Ints:
+        """(radios, outcomes): counts of each `Outcome` at each receiver; bursts that not even free space let through
+        are not counted, and pointers only where they were not decoded.
+        """
+        return self._air.losses
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing waits or is on the air."""
+        waiting = int(self._air.counts[0])
+        return waiting == 0 and not self._refused and not (self._air.slot[table.STATE] == table.ON_AIR).any()
+
+    def offer(self, now: Time, requests: TxBatch) -> None:
+        """Take frames; those that do not exist (size, channel, waveform, power) are REFUSED in the next answer."""
+        count = len(requests.key)
+        if count == 0:
+            return
+        radio, at, kind = requests.radio, requests.at_ns, requests.waveform
+        if radio.min() < 0 or radio.max() >= len(self.radios):
+            raise ValueError(f"a radio in row {int(radio.min())} or {int(radio.max())} of {len(self.radios)}")
+        if self._until is not None and at.min() <= self._until:
+            raise ValueError(f"a frame offered at {int(at.min())} ns, when {self._until} ns had passed")
+        known = (kind >= 0) & (kind < len(Waveform))
+        kind = np.where(known, kind, 0)
+        wifi = kind < 2
+        power = np.where(
+            np.isnan(requests.power_dbm), self._radios.sends_dbm[radio, np.where(wifi, 0, 1)], requests.power_dbm
+        )
+        channel = np.where(wifi & (requests.channel == ANY_CHANNEL), 6, requests.channel)
+        good = known & (requests.size_bytes >= LEAST_BYTES[kind]) & (requests.size_bytes <= MOST_BYTES[kind])
+        good &= np.isfinite(power) & (power <= 60.0) & (requests.key >= 0)
+        good &= ~wifi | ((channel >= 1) & (channel <= 13))
+        for row in np.flatnonzero(~good).tolist():
+            self._refused.append((int(requests.key[row]), int(radio[row]), int(requests.channel[row]), int(at[row])))
+        rows = np.flatnonzero(good)
+        order = rows[np.lexsort((rows, at[rows], radio[rows]))]
+        nth = _rank(radio[order], at[order])
+        draws = self._chance.uniforms("radio.access", self._radios.who[radio[order]], at[order], nth.view(np.uint64))
+        for row, number, draw in zip(order.tolist(), nth.tolist(), draws.tolist(), strict=True):
+            self._queue(
+                int(requests.key[row]), int(radio[row]), int(kind[row]), int(channel[row]), int(at[row]),
+                int(requests.size_bytes[row]), float(power[row]), number, draw,
+            )  # fmt: skip
+
+    def _queue(
+        self, key: int, radio: int, kind: int, channel: int, at: Time, size: int, dbm: float, nth: int,
+        draw: Sequence[float],
+    ) -> None:  # fmt: skip
+        """One frame as the bursts it is."""
+        if kind < 2:
+            slots = int(draw[0] * (WINDOW[kind] + 1))
+            self._wait(dbm, (key, radio, kind, channel, table.WHOLE, nth, size, at, at, table.QUEUED, at, -1, slots,
+                             at + access.PATIENCE_NS))  # fmt: skip
+            return
+        extended = kind == Waveform.BLE_CODED
+        role, bytes_ = (table.POINTER, _POINTER_BYTES) if extended else (table.WHOLE, size)
+        plan = at + int(draw[1] * access.ADV_DELAY_NS)
+        rest = (table.QUEUED, at, -1, 0, NEVER)
+        for turn, channel_ in enumerate(ADVERTISING):
+            self._wait(dbm, (key, radio, kind, channel_, role, 4 * nth + turn, bytes_, at, plan, *rest))
+            end = plan + airtime_ns(kind, bytes_)
+            plan = end + access.ADV_GAP_NS
+        if extended:
+            data = int(draw[2] * DATA_CHANNELS)
+            followed = (key, radio, kind, data, table.FOLLOWED, 4 * nth + 3, size, at, end + access.POINTER_GAP_NS)
+            self._wait(dbm, (*followed, *rest))
+
+    def _wait(self, dbm: float, row: tuple[int, ...]) -> None:
+        count = int(self._air.counts[0])
+        if count == self._air.wait_dbm.shape[0]:
+            self._air = table.with_room(self._air, waiting=count + 1)
+        self._air.wait[:, count] = row
+        self._air.wait_dbm[count] = dbm
+        self._air.counts[0] = count + 1
+
+    def emit(self, now: Time, sources: EmitterTable) -> None:
+        """Make noise from `now` on. Raises ValueError for a source without width, or with numbers that are none."""
+        numbers = np.stack((sources.centre_mhz, sources.width_mhz, sources.power_dbm)).astype(np.float64)
+        if not np.isfinite(numbers).all() or not (numbers[1] > 0.0).all() or not (numbers[2] <= 90.0).all():
+            raise ValueError("a noise source needs a finite centre, a width above 0 MHz and at most 90 dBm")
+        if len(sources.radio) and not 0 <= int(sources.radio.min()) <= int(sources.radio.max()) < len(self.radios):
+            raise ValueError(f"a noise source that is none of {len(self.radios)} radios")
+        order = np.lexsort((sources.from_ns, sources.radio))
+        times = np.stack((sources.radio, np.maximum(sources.from_ns, now), sources.to_ns)).astype(np.int64)[:, order]
+        still = self._emitters[2] > now - 50_000_000  # a frame under way may have begun under it
+        old = self._emitters[:, still].copy()
+        old[2] = np.minimum(old[2], now)
+        self._emitters = np.ascontiguousarray(np.concatenate((old, times), axis=1))
+        self._emitted = np.ascontiguousarray(np.concatenate((self._emitted[:, still], numbers[:, order]), axis=1))
+
+    def advance(self, until: Time, radios: RadioTable) -> OnAir:
+        """Let the time pass; see `Medium.advance`. Raises ValueError where it runs backward or rows are missing."""
+        pos, vel = radios.pos_enu_m, radios.vel_enu_mps
+        if pos.shape != (len(self.radios), 3) or vel.shape != pos.shape:
+            raise ValueError(f"places of shape {pos.shape} for {len(self.radios)} radios")
+        if self._until is not None and until < self._until:
+            raise ValueError(f"asked to advance to {until} ns from {self._until} ns")
+        self._until = until
+        if self.quiet:
+            return _NOTHING
+        if self._sorted is not pos:
+            sort(self._air.head, self._air.follow, pos)
+            self._sorted = pos
+        air = table.with_room(self._air, sent=int(self._air.counts[0]) + self._air.slot.shape[1] + 8)
+        while True:
+            done = _run(self._setting, self._sky, self._radios, pos, vel, air, self._emitters, self._emitted, until)
+            if done == _DONE:
+                break
+            if done == _SLOTS:
+                slots = 2 * air.slot.shape[1]
+                air = table.with_room(air, slots=slots, sent=int(air.counts.sum()) + slots)
+            else:
+                air = table.with_room(air, heard=int(air.counts[1]) + len(self.radios))
+        self._air = air
+        return self._answer()
+
+    def _answer(self) -> OnAir:
+        air = self._air
+        _, heard, sent = air.counts.tolist()
+        air.counts[1:] = 0
+        rows = air.heard[:, :heard]
+        order = np.lexsort((rows[1], rows[0], rows[3]))
+        rows, levels = rows[:, order], air.heard_db[:, :heard][:, order]
+        told = air.sent[:, :sent].copy()
+        if self._refused:
+            refused = [(key, radio, channel, at, at, int(Fate.REFUSED)) for key, radio, channel, at in self._refused]
+            told = np.concatenate((np.array(refused, dtype=np.int64).T, told), axis=1)
+            self._refused = []
+        return OnAir(Sent(*told), Heard(rows[0], rows[1], rows[2], rows[3], levels[0], levels[1], rows[4]))
+
+
+def _rank(radio: Ints, at: Ints) -> Ints:
+    """Of sorted rows: how many of the same radio and instant stand before each."""
+    places = np.arange(len(radio))
+    new = np.ones(len(radio), dtype=bool)
+    new[1:] = (radio[1:] != radio[:-1]) | (at[1:] != at[:-1])
+    return places - np.maximum.accumulate(np.where(new, places, 0))
+
+
+def placed(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTable:
+    """The table of radios that stand; NaN in the rows of the others, for their owner to fill in."""
+    pos = np.array([radio.place_enu_m or (math.nan,) * 3 for radio in radios], dtype=np.float64).reshape(-1, 3)
+    return RadioTable(from_ns, pos, np.zeros_like(pos))

@@ -1,0 +1,248 @@
+"""Who hears which broadcast? The environment oracle: takes Remote ID from `rid_up`, lets a medium decide, tells all.
+
+A frame on `rid_up:<radio>` becomes a transmission of that radio at the time it arrived. What a receiver decodes leaves
+on its `rid_down:<radio>` with its signal strength and the end of its reception; what an operator's ground receivers
+decode leaves as JSON on `oracle:<operator>`. Between two looks at the world the radios stand where the later look saw
+them (10 ms, 0.2 m at 20 m/s).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from skyrange.agent.air import ANY_CHANNEL as ANY
+from skyrange.agent.air import EmitterTable, Heard, Ints, Medium, Outcome, RadioTable, TxBatch
+from skyrange.agent.contracts import Floats, World
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.codec import rid_link
+from skyrange.codec.rid_link import ANY_CHANNEL
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.ids import FrameId, Port, link_name
+from skyrange.core.time import NS_PER_MS, Time
+from skyrange.radio.framing import AROUND, LEAST_BODY, MOST_BODY, WAVEFORM
+from skyrange.radio.ground import MOST_RECEPTIONS, Reception, Receptions, encode
+from skyrange.radio.medium import placed
+from skyrange.radio.underway import Underway
+
+ENDPOINT = "oracle"
+
+
+class Record(NamedTuple):
+    """Receptions since the last `drain_receptions`: row i is of `frames[frame[i]]` at `receivers[receiver[i]]`."""
+
+    frames: Sequence[FrameId]
+    """The `rid_up` frames."""
+    frame: Ints
+    receivers: Sequence[str]
+    receiver: Ints
+    time_ns: Ints
+    """End of the reception."""
+    rssi_dbm: Floats
+    snir_db: Floats
+    channel: Ints
+    transport: Ints
+    serial: Ints
+    """Of the frame that it became on the receiver's `rid_down`; -1 for a ground receiver."""
+
+
+class Oracle:
+    """The agent that owns the medium (`skyrange.agent.contracts.Agent`).
+
+    `losses` of its medium counts what was not received and why; `refused` what could not be sent.
+    """
+
+    name = ENDPOINT
+    service_ns: Time = 10 * NS_PER_MS
+
+    def __init__(
+        self,
+        medium: Medium,
+        senders: Sequence[str],
+        receivers: Sequence[str],
+        grounds: Mapping[str, str] | None = None,
+        recording: bool = False,
+    ) -> None:
+        """Radios by name: `senders` have a `rid_up`, `receivers` a `rid_down`; `grounds` names a receiver's operator.
+
+        `recording` keeps receptions for `drain_receptions`. Raises InputError for a name that no radio has.
+        """
+        rows = {radio.name: row for row, radio in enumerate(medium.radios)}
+        grounds = grounds or {}
+        unknown = sorted({*senders, *receivers, *grounds} - rows.keys())
+        if unknown:
+            raise InputError(
+                ENDPOINT, [Fault("radio", name, "a radio of the medium", nearest(name, rows)) for name in unknown]
+            )
+        self.medium = medium
+        ups = [Port(ENDPOINT, link_name("rid_up", name)) for name in senders]
+        downs = [Port(ENDPOINT, link_name("rid_down", name)) for name in receivers]
+        self._operators = sorted(set(grounds.values()))
+        self.ports: Sequence[Port] = (*ups, *downs, *(Port(ENDPOINT, link_name("oracle", o)) for o in self._operators))
+        self._places = {port: place for place, port in enumerate(self.ports)}
+        self._sender = np.full(len(self.ports), -1, dtype=np.int64)
+        self._sender[: len(ups)] = [rows[name] for name in senders]
+        self._down = np.full(len(rows), -1, dtype=np.int64)
+        self._down[[rows[name] for name in receivers]] = np.arange(len(ups), len(ups) + len(downs))
+        self._ground = {rows[name]: operator for name, operator in grounds.items()}
+        self._underway = Underway()
+        self._table = placed(medium.radios)
+        self._moving: tuple[Ints, Ints] | None = None
+        self._last: Time | None = None
+        self._serials = np.zeros(len(self.ports), dtype=np.int64)
+        self._recording = recording
+        self._drained: list[tuple[Heard, Ints, Ints]] = []
+        self._behind: dict[int, FrameId] = {}
+        self.refused: Counter[str] = Counter()
+        """Frames that never became transmissions, by why."""
+
+    def look(self, now: Time, world: World) -> None:
+        """See where everybody is, at a tick of the world; called before the steps of that instant."""
+        if self._moving is None:
+            rows = {radio.name: row for row, radio in enumerate(self.medium.radios) if radio.place_enu_m is None}
+            pairs = [(rows[name], at) for at, name in enumerate(world.vehicles) if name in rows]
+            moving = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+            self._moving = (moving[:, 0], moving[:, 1])
+        position, velocity = world.motion()
+        mine, theirs = self._moving
+        pos, vel = self._table.pos_enu_m.copy(), self._table.vel_enu_mps.copy()
+        pos[mine], vel[mine] = position[theirs], velocity[theirs]
+        self._table = RadioTable(now, pos, vel)
+
+    def emit(self, now: Time, sources: EmitterTable) -> None:
+        """Make noise, in place of what was made before; rows as the medium has its radios."""
+        self.medium.emit(now, sources)
+
+    def next_wakeup(self) -> Time | None:
+        """The next step while anything is on its way through the air; else mail wakes it."""
+        return None if self.medium.quiet or self._last is None else self._last + self.service_ns
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Send what came, let the time pass, tell what was heard."""
+        outbox = Outbox()
+        if len(inbox):
+            self._offer(now, inbox, outbox)
+        on_air = self.medium.advance(now, self._table)
+        self._last = now
+        if on_air.sent.fate.any():
+            for fate in on_air.sent.fate[on_air.sent.fate > 0].tolist():
+                self.refused["no access" if fate == 1 else "no such frame"] += 1
+        heard = on_air.heard
+        if len(heard.key):
+            self._tell(heard, outbox)
+        return outbox
+
+    def _offer(self, now: Time, inbox: Inbox, outbox: Outbox) -> None:
+        columns = inbox.columns(self._places)
+        rows = rid_link.read_rows(columns.payloads)
+        sender = self._sender[columns.places]
+        kind = rows.transport.astype(np.int64)
+        size = rows.bodies.sizes
+        good = rows.good & (sender >= 0)
+        fits = good & (size >= LEAST_BODY[kind]) & (size <= MOST_BODY[kind])
+        chosen = np.flatnonzero(fits)
+        for row in np.flatnonzero(~fits).tolist():
+            why = "not a broadcast" if not rows.good[row] else "not for the air" if not good[row] else "does not fit"
+            self.refused[why] += 1
+            about = self.ports[int(columns.places[row])].link
+            outbox.note(
+                "event.rid_bad_frame", ENDPOINT, {"link": about, "why": why, "bytes": int(columns.payloads.sizes[row])}
+            )
+        if not len(chosen):
+            return
+        at = columns.at_ns[chosen] if self._last is None else np.maximum(columns.at_ns[chosen], self._last + 1)
+        refs = [inbox.arrival(number).ref for number in columns.order[chosen].tolist()]
+        keys = self._underway.add(now, rows, chosen, at, refs)
+        kind, channel = kind[chosen], rows.channel[chosen].astype(np.int64)
+        channel[channel == ANY_CHANNEL] = ANY
+        self.medium.offer(
+            now,
+            TxBatch(
+                sender[chosen],
+                at,
+                WAVEFORM[kind],
+                channel,
+                np.full(len(keys), np.nan),
+                size[chosen] + AROUND[kind],
+                keys,
+            ),
+        )
+
+    def _tell(self, heard: Heard, outbox: Outbox) -> None:
+        if (heard.outcome != Outcome.DECODED).any():  # a medium that tells of every pair
+            keep = heard.outcome == Outcome.DECODED
+            heard = Heard(*(column[keep] for column in heard))
+        place = self._down[heard.radio]
+        rows = np.flatnonzero(place >= 0)
+        serial = np.full(len(place), -1, dtype=np.int64)
+        if len(rows):
+            keys = heard.key[rows]
+            payloads = rid_link.pack_rows(
+                self._underway.transport(keys), heard.channel[rows], self._underway.counter(keys),
+                self._underway.address(keys), np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
+                heard.ended_ns[rows], self._underway.bodies(keys),
+            )  # fmt: skip
+            outbox.send_block(place[rows], payloads)
+            serial[rows] = self._number(place[rows])
+        if self._ground:
+            self._report(heard, outbox)
+        if self._recording:
+            self._drained.append((heard, self._underway.transport(heard.key), serial))
+            for key in np.unique(heard.key).tolist():
+                ref = self._underway.refs[key & (len(self._underway.refs) - 1)]
+                if ref is not None:
+                    self._behind[key] = ref
+
+    def _number(self, places: Ints) -> Ints:
+        """The serials that the kernel will give to frames sent on these ports, in this order."""
+        order = np.argsort(places, kind="stable")
+        sorted_ = places[order]
+        fresh = np.ones(len(places), dtype=bool)
+        fresh[1:] = sorted_[1:] != sorted_[:-1]
+        begins = np.maximum.accumulate(np.where(fresh, np.arange(len(places)), 0))
+        serial = np.empty(len(places), dtype=np.int64)
+        serial[order] = self._serials[sorted_] + np.arange(len(places)) - begins
+        np.add.at(self._serials, places, 1)
+        return serial
+
+    def _report(self, heard: Heard, outbox: Outbox) -> None:
+        """Tell operators what their ground receivers decoded."""
+        told: dict[str, list[Reception]] = {operator: [] for operator in self._operators}
+        for row, radio in enumerate(heard.radio.tolist()):
+            operator = self._ground.get(radio)
+            if operator is None:
+                continue
+            key = heard.key[row : row + 1]
+            told[operator].append(
+                Reception(
+                    receiver=self.medium.radios[radio].name,
+                    time_ns=int(heard.ended_ns[row]),
+                    transport=int(self._underway.transport(key)[0]),
+                    channel=int(heard.channel[row]),
+                    counter=int(self._underway.counter(key)[0]),
+                    rssi_dbm=round(float(heard.rssi_dbm[row]), 2),
+                    address=self._underway.address(key).tobytes().hex(),
+                    body=self._underway.bodies(key)[0].hex(),
+                )
+            )
+        for operator, receptions in told.items():
+            port = Port(ENDPOINT, link_name("oracle", operator))
+            for start in range(0, len(receptions), MOST_RECEPTIONS):
+                outbox.send(port, encode(Receptions(body=tuple(receptions[start : start + MOST_RECEPTIONS]))))
+
+    def drain_receptions(self) -> Record:
+        """What was received since it was last asked, if `recording`; the record's to keep."""
+        drained, self._drained = self._drained, []
+        behind, self._behind = self._behind, {}
+        heard = [np.concatenate([part[0][k] for part in drained]) if drained else np.zeros(0) for k in range(7)]
+        transport = np.concatenate([part[1] for part in drained]) if drained else np.zeros(0, dtype=np.int64)
+        serial = np.concatenate([part[2] for part in drained]) if drained else np.zeros(0, dtype=np.int64)
+        keys, frame = np.unique(heard[0].astype(np.int64), return_inverse=True)
+        names = [radio.name for radio in self.medium.radios]
+        return Record(
+            [behind[key] for key in keys.tolist()], frame.astype(np.int64), names, heard[1].astype(np.int64),
+            heard[3].astype(np.int64), heard[4], heard[5], heard[2].astype(np.int64), transport, serial,
+        )  # fmt: skip

@@ -1,0 +1,77 @@
+"""What does a receiver listen to, and when? Real ones as rounds of turns, and where in its round a receiver is.
+
+The rounds are parameters, from what such receivers do:
+
+- `COMPANION`: a module on an aircraft, one chip on Wi-Fi channel 6 (what most senders use), one that scans Bluetooth
+  without a gap, 1M and Coded by turns on 37, 38, 39, 30 ms each.
+- `SNIFFER`: a microcontroller in promiscuous mode, which stays on Wi-Fi channel 6 and has no Bluetooth.
+- `HOPPER`: goes through the Wi-Fi channels five times a second (kismet's default rate), and scans Bluetooth.
+- `PHONE`: Android's app in the foreground. Bluetooth in SCAN_MODE_LOW_LATENCY, 100 ms windows in 100 ms intervals (AOSP
+  `ScanManager`); Wi-Fi scans are throttled to four in two minutes (developer.android.com, "Wi-Fi scanning overview"),
+  each taken as 13 channels of 110 ms.
+- `PHONE_IDLE`: the same phone in its pocket: SCAN_MODE_LOW_POWER, 140 ms windows in 1400 ms intervals; no Wi-Fi.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skyrange.agent.air import Listening, Turn, Waveform
+from skyrange.core.compiled import kernel
+from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
+from skyrange.radio.spectrum import ADVERTISING, WIFI_CHANNELS
+from skyrange.radio.table import ALWAYS
+
+_WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
+
+
+def on_wifi(channel: int = 6) -> Listening:
+    """Stays on one Wi-Fi channel."""
+    return Listening((Turn(channel, _WIFI),))
+
+
+def on_bluetooth(window_ns: Time, interval_ns: Time, coded: bool = True) -> Listening:
+    """Scans the advertising channels by turns, an interval each; 1M and, if it can, Coded by turns too."""
+    kinds = (Waveform.BLE_1M, Waveform.BLE_CODED) if coded else (Waveform.BLE_1M,)
+    turns = tuple(Turn(channel, (kind,)) for channel in ADVERTISING for kind in kinds)
+    return Listening(turns, interval_ns, window_ns)
+
+
+def hopping(dwell_ns: Time, rest_ns: Time = 0) -> Listening:
+    """Goes through all Wi-Fi channels, then rests."""
+    return Listening(tuple(Turn(channel, _WIFI) for channel in WIFI_CHANNELS), dwell_ns, dwell_ns, rest_ns)
+
+
+COMPANION: Final = (on_wifi(6), on_bluetooth(30 * NS_PER_MS, 30 * NS_PER_MS))
+SNIFFER: Final = (on_wifi(6),)
+HOPPER: Final = (hopping(200 * NS_PER_MS), on_bluetooth(30 * NS_PER_MS, 30 * NS_PER_MS))
+PHONE: Final = (
+    hopping(110 * NS_PER_MS, 30 * NS_PER_S - 13 * 110 * NS_PER_MS),
+    on_bluetooth(100 * NS_PER_MS, 100 * NS_PER_MS),
+)
+PHONE_IDLE: Final = (on_bluetooth(140 * NS_PER_MS, 1400 * NS_PER_MS),)
+
+PROFILES: Final[dict[str, tuple[Listening, ...]]] = {
+    "companion": COMPANION,
+    "sniffer": SNIFFER,
+    "hopper": HOPPER,
+    "phone": PHONE,
+    "phone-idle": PHONE_IDLE,
+    "none": (),
+}
+"""Receivers by name, as a scenario asks for them."""
+
+
+@kernel
+def turn_at(turns: int, dwell: int, window: int, rest: int, phase: int, time_ns: int) -> tuple[int, int]:
+    """Which of its turns a chain is listening in, -1 if in none, and until when. Scalars only: it is called often."""
+    if dwell == ALWAYS:
+        return 0, NEVER
+    if turns == 0:
+        return -1, 0
+    into = (time_ns + phase) % (turns * dwell + rest)
+    turn = into // dwell
+    left = window - (into - turn * dwell)
+    if turn >= turns or left <= 0:
+        return -1, 0
+    return turn, time_ns + left

@@ -1,0 +1,192 @@
+"""What does a medium keep, as arrays for its kernels? The radios as declared, and the air as it is just now."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.air import Floats, Ints, Outcome, RadioSpec
+from skyrange.core.chance import Chance
+from skyrange.core.ids import hash64
+from skyrange.core.time import NEVER
+from skyrange.radio.propagation import dipole_dbi, noise_dbm
+from skyrange.radio.waveforms import WIDTH_MHZ
+
+WIFI, BLUETOOTH = 0, 1
+"""Bands: a radio has at most one receive chain in each, and sends one frame at a time in each."""
+POINTERS: Final = 16
+"""Extended advertisements that a receiver can be about to follow."""
+ANTENNAS: Final = ("isotropic", "dipole")
+
+# rows of `Air.wait`: bursts that are to be sent, one column each
+KEY, RADIO, WAVE, CHANNEL, ROLE, NTH, SIZE, ASKED, PLAN, STAGE, RESUME, SLOTS, DRAWN, LAST = range(14)
+WAIT_ROWS: Final = 14
+QUEUED, CONTENDING, GIVING_UP = range(3)
+"""Stages."""
+WHOLE, POINTER, FOLLOWED = range(3)
+"""Roles: a frame by itself, a pointer to another, the one that is pointed to."""
+
+# rows of `Air.slot`, after those up to SIZE: bursts on the air and over
+START, END, STATE, COUNT = 7, 8, 9, 10
+SLOT_ROWS: Final = 11
+FREE, ON_AIR, OVER = range(3)
+
+# columns of `Radios.chain`: where its turns begin, how many (0: no chain), times in ns
+FIRST, TURNS, DWELL, WINDOW, REST, PHASE = range(6)
+ALWAYS: Final = NEVER // 4
+"""Dwell of a chain that never turns away."""
+
+HEARING, MISSED = 1, 2
+"""Flags: the receiver is tuned to the burst; it was busy with another."""
+
+
+class Radios(NamedTuple):
+    """n radios as they are declared; chains are by band."""
+
+    who: NDArray[np.uint64]
+    aerial: Floats
+    """(n, 2): number of the pattern, and gain in dBi."""
+    sends_dbm: Floats
+    """(n, 2)"""
+    noise_dbm: Floats
+    """(n, waveforms)"""
+    chain: Ints
+    """(n, 2, 6): `FIRST` to `PHASE`."""
+    turn_channel: Ints
+    turn_mask: Ints
+    """Bit w: hears waveform w."""
+    best_dbi: float
+    best_noise_db: float
+    """The best gain and the lowest noise figure that there are."""
+
+
+class Air(NamedTuple):
+    """What is going on: w waiting bursts, s slots of bursts on the air or just over, n radios."""
+
+    wait: Ints
+    """(WAIT_ROWS, w)"""
+    wait_dbm: Floats
+    slot: Ints
+    """(SLOT_ROWS, s)"""
+    slot_dbm: Floats
+    row: NDArray[np.int32]
+    """(s, n): receivers that a burst reaches, the first `COUNT` of each slot; so are `dbm` and `flag`."""
+    dbm: Floats
+    mw: Floats
+    flag: NDArray[np.uint8]
+    lock_until: Ints
+    """(n, 2); `lock_dbm` is the strength of what a chain is locked on."""
+    lock_dbm: Floats
+    sending_until: Ints
+    """(n, 2)"""
+    busy_until: Ints
+    """(n, 14): until when a radio senses a Wi-Fi channel as busy."""
+    pointers: Ints
+    """(n, POINTERS): keys of pointers decoded last; column `pointed % POINTERS` is the next to go."""
+    pointed: Ints
+    losses: Ints
+    """(n, outcomes)"""
+    head: Ints
+    """Buckets of places: the first radio in each, `follow` the next."""
+    follow: Ints
+    mark: NDArray[np.int32]
+    """(n,) scratch: place + 1 in the list at hand, 0 between uses."""
+    other: Floats
+    """(s, n) scratch: interference by burst and place."""
+    heard: Ints
+    """(5, h): key, radio, channel, end, outcome."""
+    heard_db: Floats
+    """(2, h): rssi, snir."""
+    sent: Ints
+    """(6, t): as `Sent`."""
+    counts: Ints
+    """Waiting bursts, rows of `heard`, rows of `sent`."""
+
+
+def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
+    """The arrays of some radios, in their order."""
+    n = len(specs)
+    shape = (n, 2)
+    chains = np.zeros((n, 2, 6), dtype=np.int64)
+    channels: list[int] = []
+    masks: list[int] = []
+    for i, spec in enumerate(specs):
+        for chain in spec.listening:
+            band = WIFI if chain.turns[0].waveforms[0] < 2 else BLUETOOTH
+            first = len(channels)
+            for turn in chain.turns:
+                channels.append(turn.channel)
+                masks.append(sum(1 << int(waveform) for waveform in set(turn.waveforms)))
+            always = len(chain.turns) == 1 and chain.rest_ns == 0 and chain.window_ns >= chain.dwell_ns
+            cycle = 0 if always else len(chain.turns) * chain.dwell_ns + chain.rest_ns
+            phase = int(chance.uniform4("radio.phase", hash64(spec.name), 0, band)[0] * cycle)
+            dwell, window = (ALWAYS, ALWAYS) if always else (chain.dwell_ns, chain.window_ns)
+            chains[i, band] = (first, len(chain.turns), dwell, window, chain.rest_ns, phase)
+    peaks = [spec.gain_dbi + (float(dipole_dbi(0.0)) if spec.antenna == "dipole" else 0.0) for spec in specs]
+    return Radios(
+        who=np.array([hash64(spec.name) for spec in specs], dtype=np.uint64),
+        aerial=np.array([(ANTENNAS.index(spec.antenna), spec.gain_dbi) for spec in specs]).reshape(shape),
+        sends_dbm=np.array([(spec.wifi_dbm, spec.ble_dbm) for spec in specs], dtype=np.float64).reshape(shape),
+        noise_dbm=np.array(
+            [[noise_dbm(spec.noise_figure_db, float(width)) for width in WIDTH_MHZ] for spec in specs],
+            dtype=np.float64,
+        ).reshape(n, len(WIDTH_MHZ)),
+        chain=chains,
+        turn_channel=np.array(channels, dtype=np.int64),
+        turn_mask=np.array(masks, dtype=np.int64),
+        best_dbi=max(peaks, default=0.0),
+        best_noise_db=min((spec.noise_figure_db for spec in specs), default=0.0),
+    )
+
+
+def still_air(n: int, waiting: int = 64, slots: int = 16, rows: int = 256) -> Air:
+    """Nothing going on among `n` radios, with room for some."""
+    buckets = 1
+    while buckets < 2 * n:
+        buckets *= 2
+
+    def ints(*shape: int) -> Any:
+        return np.zeros(shape, dtype=np.int64)
+
+    return Air(
+        wait=ints(WAIT_ROWS, waiting), wait_dbm=np.zeros(waiting), slot=ints(SLOT_ROWS, slots),
+        slot_dbm=np.zeros(slots), row=np.zeros((slots, n), dtype=np.int32), dbm=np.zeros((slots, n)),
+        mw=np.zeros((slots, n)), flag=np.zeros((slots, n), dtype=np.uint8), lock_until=ints(n, 2) - NEVER,
+        lock_dbm=np.zeros((n, 2)), sending_until=ints(n, 2) - NEVER, busy_until=ints(n, 14) - NEVER,
+        pointers=ints(n, POINTERS) - 1, pointed=ints(n), losses=ints(n, len(Outcome)), head=ints(buckets) - 1,
+        follow=ints(n) - 1, mark=np.zeros(n, dtype=np.int32), other=np.zeros((slots, n)), heard=ints(5, rows),
+        heard_db=np.zeros((2, rows)), sent=ints(6, rows), counts=ints(3),
+    )  # fmt: skip
+
+
+_WAIT = ("wait", "wait_dbm")
+_SLOTS = ("slot", "slot_dbm")
+_LISTS = ("row", "dbm", "mw", "flag", "other")
+_HEARD = ("heard", "heard_db")
+
+
+def _widened(air: Air, names: Sequence[str], axis: int, size: int) -> dict[str, Any]:
+    wide = {}
+    for name in names:
+        array = getattr(air, name)
+        shape = list(array.shape)
+        shape[axis] = size - shape[axis]
+        wide[name] = np.concatenate((array, np.zeros(shape, dtype=array.dtype)), axis=axis)
+    return wide
+
+
+def with_room(air: Air, waiting: int = 0, slots: int = 0, heard: int = 0, sent: int = 0) -> Air:
+    """The same air with room for at least so many of each."""
+    wide: dict[str, Any] = {}
+    if waiting > air.wait_dbm.shape[0]:
+        wide |= _widened(air, _WAIT, -1, max(waiting, 2 * air.wait_dbm.shape[0]))
+    if slots > air.slot_dbm.shape[0]:
+        wide |= _widened(air, _SLOTS, -1, slots) | _widened(air, _LISTS, 0, slots)
+    if heard > air.heard.shape[1]:
+        wide |= _widened(air, _HEARD, -1, max(heard, 2 * air.heard.shape[1]))
+    if sent > air.sent.shape[1]:
+        wide |= _widened(air, ("sent",), -1, max(sent, 2 * air.sent.shape[1]))
+    return air._replace(**wide) if wide else air

@@ -1,0 +1,98 @@
+"""Which broadcast is behind a key? Those on their way through the air, in a ring of rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Bytes, Ints, Payloads
+from skyrange.codec.rid_link import RidColumns
+from skyrange.core.compiled import kernel
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NS_PER_S, Time
+
+WIDTH = 256
+"""Bytes of the longest body that any transport carries, rounded up."""
+KEPT_NS: Time = 2 * NS_PER_S
+"""A frame is off the air by then: it waits half a second at most, and no event lasts longer than 50 ms."""
+
+
+@kernel
+def _keep(data: Bytes, starts: Ints, sizes: Ints, bodies: Bytes, places: Ints) -> None:
+    for row in range(starts.shape[0]):
+        for offset in range(sizes[row]):
+            bodies[places[row], offset] = data[starts[row] + offset]
+
+
+class Underway:
+    """Broadcasts by key; keys count up from 0."""
+
+    __slots__ = ("_bodies", "_heads", "_sizes", "next", "refs")
+
+    def __init__(self, room: int = 256) -> None:
+        """`room` is a power of two; there will be more as needed."""
+        self.next = 0
+        self._heads = np.zeros((10, room), dtype=np.int64)  # at, transport, channel, counter, address
+        self._sizes = np.zeros(room, dtype=np.int64)
+        self._bodies = np.zeros((room, WIDTH), dtype=np.uint8)
+        self.refs: list[FrameId | None] = [None] * room
+        """By row: the frame that brought it."""
+
+    def add(self, now: Time, rows: RidColumns, chosen: Ints, at_ns: Ints, refs: list[FrameId]) -> Ints:
+        """Keep some rows; returns their keys."""
+        count = len(chosen)
+        keys = np.arange(self.next, self.next + count)
+        self._make_room(now, count)
+        places = self.place(keys)
+        self._heads[0, places] = at_ns
+        for k, column in enumerate((rows.transport, rows.channel, rows.counter)):
+            self._heads[1 + k, places] = column[chosen]
+        self._heads[4:, places] = rows.address[chosen].T
+        bodies = rows.bodies
+        self._sizes[places] = bodies.sizes[chosen]
+        _keep(bodies.data, bodies.starts[chosen], bodies.sizes[chosen], self._bodies, places)
+        for place, ref in zip(places.tolist(), refs, strict=True):
+            self.refs[place] = ref
+        self.next += count
+        return keys
+
+    def _make_room(self, now: Time, count: int) -> None:
+        """Double until the new keys overwrite nothing younger than `KEPT_NS`."""
+        while True:
+            room = len(self._sizes)
+            replaced = np.arange(max(self.next - room, 0), self.next + count - room)
+            if not len(replaced) or (count <= room and bool((self._heads[0, replaced % room] < now - KEPT_NS).all())):
+                return
+            old = np.arange(max(self.next - room, 0), self.next)
+            wider = Underway(2 * room)
+            there = old & (2 * room - 1)
+            wider._heads[:, there] = self._heads[:, old % room]
+            wider._sizes[there] = self._sizes[old % room]
+            wider._bodies[there] = self._bodies[old % room]
+            for key, place in zip(old.tolist(), there.tolist(), strict=True):
+                wider.refs[place] = self.refs[key % room]
+            self._heads, self._sizes, self._bodies = wider._heads, wider._sizes, wider._bodies
+            self.refs = wider.refs
+
+    def place(self, keys: Ints) -> Ints:
+        """The row of each key."""
+        return keys & (len(self._sizes) - 1)
+
+    def transport(self, keys: Ints) -> Ints:
+        """Of each key."""
+        transport: Ints = self._heads[1, self.place(keys)]
+        return transport
+
+    def counter(self, keys: Ints) -> Ints:
+        """Of each key."""
+        counter: Ints = self._heads[3, self.place(keys)]
+        return counter
+
+    def address(self, keys: Ints) -> NDArray[np.uint8]:
+        """(n, 6), claimed."""
+        return self._heads[4:, self.place(keys)].T.astype(np.uint8)
+
+    def bodies(self, keys: Ints) -> Payloads:
+        """The bodies, where they lie."""
+        places = self.place(keys)
+        return Payloads(self._bodies.reshape(-1), places * WIDTH, self._sizes[places])

@@ -1,0 +1,21 @@
+"""What if an aircraft listens and does nothing? The mission is flown, whoever is in the way."""
+
+from __future__ import annotations
+
+from skyrange.city.city import City
+from skyrange.core.time import Time
+from skyrange.vehicle.avoidance.contract import KEEP, Decision, Episode, Limits, Own, Tracks
+
+
+class NoAvoidance:
+    """`none`."""
+
+    kind = "none"
+
+    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
+        """Takes what the others take."""
+        self.limits = limits or Limits()
+
+    def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
+        """KEEP, always."""
+        return KEEP
