@@ -116,7 +116,7 @@ def test_a_swarm_is_many_within_its_radius_spread_over_the_second() -> None:
     first = [(now, opened(payload)) for now, payload in sent(attack, 3 * S) if now < 3 * S]
     assert len(first) == 40
     assert len({basic.uas_id for _, (_, basic, _) in first}) == len({h.address for _, (h, _, _) in first}) == 40
-    assert all(h.address[0] & 3 == 2 for _, (h, _, _) in first), "locally administered, unicast"
+    assert all(h.address[0] & 0xC3 == 0xC2 for _, (h, _, _) in first), "locally administered, unicast; random static"
     places = np.array([place(location) for _, (_, _, location) in first])
     away = np.hypot(places[:, 0] - 10, places[:, 1] - 20)
     assert away.max() <= 80.5
@@ -126,7 +126,7 @@ def test_a_swarm_is_many_within_its_radius_spread_over_the_second() -> None:
 
 
 def test_bluetooth_4_carries_one_message_an_advertisement() -> None:
-    frames = sent(made(SPOOF, setting(), at=[0, 0, 30], methods=["bt4", "bt5"]), 2 * S)
+    frames = sent(made(SPOOF, setting(), at=[0, 0, 30], transports=["bt4", "bt5"]), 2 * S)
     bodies = [(rid_link.unpack(payload).header.transport, rid_link.unpack(payload).body) for _, payload in frames]
     assert [(transport, len(body)) for transport, body in bodies] == [(1, 25), (1, 25), (2, 78)]
     assert isinstance(decode(bodies[0][1]), BasicId)
@@ -157,7 +157,7 @@ def heard(*payloads: bytes) -> tuple[Arrival, ...]:
 
 
 def test_replay_sends_what_it_heard_later_and_says_why() -> None:
-    frames = [payload for _, payload in sent(made(SPOOF, setting(), at=[0, 0, 30], methods=["bt4", "bt5"]), 2 * S)]
+    frames = [payload for _, payload in sent(made(SPOOF, setting(), at=[0, 0, 30], transports=["bt4", "bt5"]), 2 * S)]
     strong = [
         rid_link.pack(RidHeader(t.header.transport, 6, 9, b"abcdef", -7000, 5), t.body)
         for t in map(rid_link.unpack, frames)

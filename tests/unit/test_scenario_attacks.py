@@ -22,6 +22,7 @@ from tests.hostile_kind import offered
 FLEET = """
 name = "s"
 origin = [40.778, -73.955]
+[radio]
 [[operators]]
 id = "green"
   [[operators.vehicles]]
@@ -35,7 +36,7 @@ kind = "remote_id.spoof"
 start_s = 3
 for_s = 9.5
 when = { vehicle = "green/g1", within_m = 30, of = [0, 0, 10] }
-params = { at = [10, 10, 10], form = "swarm", count = 5, methods = ["bt4", "wifi_beacon"] }
+params = { at = [10, 10, 10], form = "swarm", count = 5, transports = ["bt4", "wifi_beacon"] }
 """
 
 
@@ -67,8 +68,8 @@ def test_what_is_declared_is_wired() -> None:
     assert list(plan.trigger.vehicles) == ["green/g1"]
     assert [agent.name for agent in plan.agents] == ["ghost.radio"]
     assert "rid_up:ghost" in {spec.name for spec in rig.wiring.links}
-    assert [radio.endpoint for radio in rig.radios] == ["ghost.radio"]
     (row,) = rig.header["attacks"]
+    assert row["radios"] == [{"endpoint": "ghost.radio", "at_enu_m": [10.0, 10.0, 2.0]}]
     assert (row["kind"], row["touches"], row["technique"]) == ("remote_id.spoof", ["rid_up:ghost", "medium"], "T0856")
     json.dumps(rig.header)
 
@@ -100,7 +101,7 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
         id = "one"
         kind = "remote_id.spoof"
         when = { vehicle = "green/g1", within_m = -1, of = [0, 0] }
-        params = { at = [10, 10], form = "swrm", count = "5", metods = ["bt4"] }
+        params = { at = [10, 10], form = "swrm", count = "5", transprts = ["bt4"] }
         [[attacks]]
         id = "three"
         kind = "remote_id.spoof"
@@ -118,7 +119,7 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
         "attacks.one.params.at.2: missing",
         "Did you mean 'swarm'?",
         "attacks.one.params.count: '5' — expected a whole number",
-        "metods = ['bt4'] — expected a known key. Did you mean 'methods'?",
+        "transprts = ['bt4'] — expected a known key. Did you mean 'transports'?",
         "attacks.three.stop_s: 8 — expected more than start_s, 9",
         "attacks.three.params.vehicle: missing",
     ):

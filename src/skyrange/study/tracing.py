@@ -14,11 +14,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.attack.contract import ORACLE
-from skyrange.core.ids import FrameId, link_name
+from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record.run import RunRecord
-from skyrange.record.schema import NAME, TABLES, TEXT, Column, arrow_schema
+from skyrange.record.schema import NAME, TEXT, Column, arrow_schema
 from skyrange.study.series import vehicles
 
 PHASES: Final = ("onset", "act", "propagation", "effect")
@@ -73,11 +72,9 @@ def trace(record: RunRecord, seed: int) -> list[dict[str, Any]]:
     if not labels:
         return rows
     onset_ns = labels[0]["at_ns"]
-    heard = _heard(record)
     frontier = list(known)
     while frontier:
-        hits = [*_descendants(record, frontier, onset_ns), *_received(heard, frontier)]
-        found = [hit for hit in hits if hit["frame"] not in known]
+        found = [hit for hit in _descendants(record, frontier, onset_ns) if hit["frame"] not in known]
         frontier = []
         for hit in found:
             if hit["frame"] in known:  # met twice at one level
@@ -149,27 +146,6 @@ def _descendants(record: RunRecord, frontier: Sequence[str], onset_ns: int) -> I
         for row in _naming(batch, ids, frozenset(frontier)):
             frame = str(FrameId(row["link"], row["direction"], row["sender"], row["serial"]))
             yield {**row, "frame": frame}
-
-
-def _heard(record: RunRecord) -> dict[str, list[dict[str, Any]]]:
-    """By frame on `rid_up`, the frames on `rid_down` that its receptions became: blocks of them carry no causes."""
-    if "receptions" not in TABLES:
-        return {}
-    found: dict[str, list[dict[str, Any]]] = {}
-    for batch in record.batches("receptions", ["time_ns", "frame", "receiver", "serial"]):
-        batch = batch.filter(pc.greater_equal(batch.column("serial"), 0))  # a ground receiver has no rid_down
-        for row in batch.to_pylist():
-            link = link_name("rid_down", row["receiver"])
-            frame = str(FrameId(link, "fwd", ORACLE, row["serial"]))
-            hit = {"frame": frame, "link": link, "sender": ORACLE, "sent_ns": row["time_ns"], "origin": row["frame"]}
-            found.setdefault(row["frame"], []).append(hit)
-    return found
-
-
-def _received(heard: Mapping[str, Sequence[dict[str, Any]]], frontier: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """What receivers made of the transmissions among `frontier`."""
-    for frame in frontier:
-        yield from heard.get(frame, ())
 
 
 def _naming(batch: pa.RecordBatch, ids: pa.Array, wanted: frozenset[str]) -> Iterator[dict[str, Any]]:
