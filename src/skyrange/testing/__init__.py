@@ -1,4 +1,4 @@
-"""Does my plugin keep skyrange's contracts? Checks for agents, taps, autopilot engines and approvals.
+"""Does my plugin keep skyrange's contracts? Checks for agents, taps, engines, approvals and media.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
@@ -10,7 +10,17 @@ from skyrange.testing.agents import check_agent
 from skyrange.testing.approvals import check_approval
 from skyrange.testing.engines import check_engine
 from skyrange.testing.mail import Letter, Postbag
+from skyrange.testing.media import check_medium
 from skyrange.testing.rules import NonConformance
 from skyrange.testing.taps import check_tap
 
-__all__ = ["Letter", "NonConformance", "Postbag", "check_agent", "check_approval", "check_engine", "check_tap"]
+__all__ = [
+    "Letter",
+    "NonConformance",
+    "Postbag",
+    "check_agent",
+    "check_approval",
+    "check_engine",
+    "check_medium",
+    "check_tap",
+]

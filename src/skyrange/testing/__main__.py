@@ -7,6 +7,7 @@ from typing import Any
 from skyrange.testing.agents import AGENT
 from skyrange.testing.approvals import APPROVAL
 from skyrange.testing.engines import ENGINE
+from skyrange.testing.media import MEDIUM
 from skyrange.testing.rules import RuleBook
 from skyrange.testing.taps import TAP
 
@@ -15,6 +16,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Taps: `check_tap`": TAP,
     "Autopilot engines: `check_engine`": ENGINE,
     "Approvals: `check_approval`": APPROVAL,
+    "Radio media: `check_medium`": MEDIUM,
 }
 _HEAD = """\
 # Conformance rules
