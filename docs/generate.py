@@ -96,6 +96,8 @@ _SECTIONS = (
     ("Sensors", "`[sensors]`"),
     ("Record", "`[record]`"),
     ("Link", "`[[links]]`"),
+    ("AttackTable", "`[[attacks]]`"),
+    ("When", "`when` of an attack"),
     ("Operator", "`[[operators]]`"),
     ("Vehicle", "`[[operators.vehicles]]`"),
     ("Fleet", "`[[operators.fleets]]`"),
@@ -112,18 +114,43 @@ def scenario() -> str:
 
     schema = described.json_schema()
     models = {"Scenario": schema, **schema["$defs"]}
+    for _, kind in _attack_kinds():  # their parameters have a page of their own
+        del models[kind.params.__name__]
     missing = set(models) - {name for name, _ in _SECTIONS}
     assert not missing, f"give {missing} a section"
     parts = []
     for name, where in _SECTIONS:
-        model, fields = models[name], getattr(described, name).model_fields
-        required = set(model.get("required", ()))
-        rows = [
-            (f"`{key}`", _kind(value), _range(fields[key]), _filled(key, value, required), value.get("description", ""))
-            for key, value in model["properties"].items()
-        ]
+        model = models[name]
         parts.append(f"### {where}\n\n{(model.get('description') or '').strip()}\n")
-        parts.append(table(("key", "type", "range", "default", "meaning"), rows))
+        parts.append(_keys(model, getattr(described, name).model_fields))
+    return "\n".join(parts)
+
+
+def _keys(model: Mapping[str, Any], fields: Mapping[str, Any]) -> str:
+    """The keys of one model as a table."""
+    required = set(model.get("required", ()))
+    rows = [
+        (f"`{key}`", _kind(value), _range(fields[key]), _filled(key, value, required), value.get("description", ""))
+        for key, value in model["properties"].items()
+    ]
+    return table(("key", "type", "range", "default", "meaning"), rows)
+
+
+def _attack_kinds() -> list[tuple[str, Any]]:
+    """Every kind of attack that this project ships, by name."""
+    from skyrange.agent.plugins import ATTACKS, kinds
+    from skyrange.scenario.attacks import kind_of
+
+    return [(name, kind_of(name)) for name in kinds(ATTACKS) if kind_of(name).make.__module__.startswith("skyrange.")]
+
+
+def attacks() -> str:
+    """Every kind of attack with its parameters."""
+    parts = []
+    for name, kind in _attack_kinds():
+        technique = f"MITRE ATT&CK for ICS: {kind.technique}."
+        parts.append(f"### `{name}`\n\n{kind.about} {technique}\n")
+        parts.append(_keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
 
 
@@ -185,11 +212,24 @@ def _filled(key: str, value: Mapping[str, Any], required: set[str]) -> str:
 
 def tables() -> str:
     """Every table and column of a run's folder."""
-    from skyrange.record.schema import TABLES, arrow_schema
+    from skyrange.record.schema import TABLES
+
+    return _tables(TABLES)
+
+
+def pair_tables() -> str:
+    """The tables of a pair's folder."""
+    from skyrange.study import effects, tracing
+
+    return _tables({"effects.parquet": effects.COLUMNS, "labels.parquet": tracing.COLUMNS})
+
+
+def _tables(tables: Mapping[str, Sequence[Any]]) -> str:
+    from skyrange.record.schema import arrow_schema
 
     parts = []
-    for name, columns in TABLES.items():
-        types = [str(field.type).replace("item: ", "") for field in arrow_schema(name)]
+    for name, columns in tables.items():
+        types = [str(field.type).replace("item: ", "") for field in arrow_schema(name, columns)]
         rows = [
             (f"`{column.name}`", f"{kind}, nullable" if column.nullable else kind, column.unit, column.meaning)
             for column, kind in zip(columns, types, strict=True)
@@ -360,7 +400,9 @@ def part89() -> str:
 GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
+    "attacks": attacks,
     "tables": tables,
+    "pair-tables": pair_tables,
     "links": links,
     "routes": routes,
     "modes": modes,
