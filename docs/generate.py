@@ -397,6 +397,14 @@ def part89() -> str:
     return table(("14 CFR", "element", "carried by"), [(e.clause, e.what, e.fields) for e in (*STANDARD, *MODULE)])
 
 
+def avoidance() -> str:
+    """The parameters of every kind of avoidance."""
+    from skyrange.vehicle.avoidance.contract import Limits
+
+    rows = [(f"`{name}`", f"{field.default:g}", field.description) for name, field in Limits.model_fields.items()]
+    return table(("parameter", "default", "meaning"), rows)
+
+
 GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
@@ -415,6 +423,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "tuning": tuning,
     "airframes": airframes,
     "part89": part89,
+    "avoidance": avoidance,
 }
 
 

@@ -43,7 +43,7 @@ FLOOR_M: Final = 5.0
 GOAL_NS: Final[Time] = 5 * NS_PER_S
 """A goal that was not told again for so long is none."""
 _SIDES: Final = 3  # rid_data, rid_up, rid_down
-_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frames")
+_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
 """What is counted, and noted at 1, 2, 4, 8 …: a flood must not fill the record."""
 
 
