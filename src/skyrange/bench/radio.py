@@ -1,4 +1,4 @@
-"""How much does the air cost? Aircraft over a city, each broadcasting once a second on Wi-Fi, all hearing.
+"""How much does the air cost? Aircraft over a city at one density, all broadcasting once a second on Wi-Fi and hearing.
 
 The oracle is driven as a kernel would: frames on `rid_up` come in, receptions on `rid_down` go out, positions move.
 """
@@ -169,7 +169,7 @@ def _time_lines(medium: BuiltinMedium, place: Floats) -> tuple[int, float]:
     setting: Setting = medium._setting
     spec = medium.radios[0]
     floor = float(noise_dbm(spec.noise_figure_db, 20.0)) + float(LEAST_SNIR_DB[1]) - 3.0
-    reach = reach_m(setting, medium._radios, spec.wifi_dbm, floor, CENTRE_MHZ)
+    reach = min(reach_m(0.0, spec.wifi_dbm, floor, CENTRE_MHZ), setting.horizon_m)
     arguments = (medium._sky, place, reach, spec.wifi_dbm, floor, wavelength_m(CENTRE_MHZ))
     _all_lines(*arguments)
     began = time.process_time()

@@ -15,7 +15,7 @@ from skyrange.core.time import NS_PER_MS
 from skyrange.scenario.base import Model, Number, Whole
 from skyrange.scenario.operators import Operator
 
-VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data", "rid_up", "rid_down")
+VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data")
 """Kinds of link that every aircraft has one of."""
 AIR_LINKS = ("rid_up", "rid_down")
 """Kinds of link that every aircraft has one of where there is a radio medium."""

@@ -31,7 +31,7 @@ from skyrange.vehicle.onboard import air_links
 
 COMPANIONS = "companions"
 """The agent that stands for all of them."""
-_ORACLE_CHANNEL = Channel(mode="reliable", latency_ns=NS_PER_MS)
+ORACLE_CHANNEL = Channel(mode="reliable", latency_ns=NS_PER_MS)
 """Run control and what ground receivers hear: a message queue within one computing centre."""
 
 
@@ -50,7 +50,7 @@ def air_network(scenario: Scenario) -> list[LinkSpec]:
         return []
     links = [spec for operator, v in scenario.fleet for spec in air_links(vehicle_id(operator.id, v.id))]
     listeners = dict.fromkeys(receiver.operator for receiver in scenario.radio.receivers)
-    links += [LinkSpec(link_name("oracle", o), endpoint(o, "gcs"), ENDPOINT, _ORACLE_CHANNEL) for o in listeners]
+    links += [LinkSpec(link_name("oracle", o), endpoint(o, "gcs"), ENDPOINT, ORACLE_CHANNEL) for o in listeners]
     return [LinkSpec(s.name, s.a, s.b, scenario.channel(s.name, s.channel)) for s in links]
 
 
