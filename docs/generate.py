@@ -95,6 +95,8 @@ _SECTIONS = (
     ("Wind", "`[wind]`"),
     ("Sensors", "`[sensors]`"),
     ("Record", "`[record]`"),
+    ("Radio", "`[radio]`"),
+    ("Receiver", "`[[radio.receivers]]`"),
     ("Link", "`[[links]]`"),
     ("AttackTable", "`[[attacks]]`"),
     ("When", "`when` of an attack"),
@@ -102,6 +104,8 @@ _SECTIONS = (
     ("Vehicle", "`[[operators.vehicles]]`"),
     ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),
+    ("RemoteId", "`remote_id`"),
+    ("Avoidance", "`avoidance`"),
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),
     ("Path", "`plan.path`"),
@@ -241,21 +245,25 @@ def _tables(tables: Mapping[str, Sequence[Any]]) -> str:
 def links() -> str:
     """Every kind of link of a run, with its ends and default channel, as it is wired."""
     from skyrange.core.ids import APPROVAL, endpoint
-    from skyrange.scenario.links import OPERATOR_LINKS, VEHICLE_LINKS
+    from skyrange.scenario.links import AIR_LINKS, OPERATOR_LINKS, VEHICLE_LINKS
+    from skyrange.scenario.medium import ORACLE_CHANNEL
     from skyrange.scenario.wire import APPROVAL_CHANNEL
+    from skyrange.vehicle.onboard import air_links
     from skyrange.vehicle.onboard import links as vehicle_links
 
-    specs = {spec.name.split(":")[0]: spec for spec in vehicle_links("blue/b1", "blue")}
-    assert set(specs) == set(VEHICLE_LINKS)
+    specs = {spec.name.split(":")[0]: spec for spec in (*vehicle_links("blue/b1", "blue"), *air_links("blue/b1"))}
+    kinds = (*VEHICLE_LINKS, *AIR_LINKS)
+    assert set(specs) == set(kinds)
     assert OPERATOR_LINKS == (APPROVAL,)
     rows = [
         (f"`{spec.name}`", f"`{spec.a}`", f"`{spec.b}`", spec.channel.mode, _ms(spec.channel.latency_ns))
-        for spec in (specs[kind] for kind in VEHICLE_LINKS)
+        for spec in (specs[kind] for kind in kinds)
     ]
     station = endpoint("blue", "gcs")
     rows.append(
         (f"`{APPROVAL}:blue`", f"`{station}`", f"`{APPROVAL}`", APPROVAL_CHANNEL.mode, _ms(APPROVAL_CHANNEL.latency_ns))
     )
+    rows.append(("`oracle:blue`", f"`{station}`", "`oracle`", ORACLE_CHANNEL.mode, _ms(ORACLE_CHANNEL.latency_ns)))
     return table(("instance, for example", "first end", "second end", "mode", "latency"), rows)
 
 
@@ -397,6 +405,14 @@ def part89() -> str:
     return table(("14 CFR", "element", "carried by"), [(e.clause, e.what, e.fields) for e in (*STANDARD, *MODULE)])
 
 
+def avoidance() -> str:
+    """The parameters of every kind of avoidance."""
+    from skyrange.vehicle.avoidance.contract import Limits
+
+    rows = [(f"`{name}`", f"{field.default:g}", field.description) for name, field in Limits.model_fields.items()]
+    return table(("parameter", "default", "meaning"), rows)
+
+
 GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
@@ -415,6 +431,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "tuning": tuning,
     "airframes": airframes,
     "part89": part89,
+    "avoidance": avoidance,
 }
 
 

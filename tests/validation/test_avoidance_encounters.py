@@ -7,8 +7,10 @@ itself and gets within rounding of it.
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from tests.unit.avoidance_harness import Flyer, fly
 
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
-from skyrange.vehicle.avoidance.contract import Avoidance, Limits, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import Avoidance, Tracks, Vector
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.avoidance.orca import Orca
@@ -56,6 +58,30 @@ def ghosts(*places: Vector) -> Tracks:
 
 def nearest(flyer: Flyer, place: Vector) -> float:
     return min(math.dist(here[:2], place[:2]) for here in flyer.path)
+
+
+def told(name: str, kind: type[Avoidance]) -> str:
+    """A cell of the table in the docs."""
+    least, late, home = math.inf, 0.0, False
+    for phases in PHASES:
+        done = fly(encounter(name, kind, phases), 320)
+        least = min(least, done.least_m)
+        for flyer, (start, goal, speed) in zip(done.flyers, ENCOUNTERS[name], strict=True):
+            alone_s = math.dist(start, goal) / speed + 1.0  # slowing down for the goal
+            late = max(late, (flyer.arrived_s or math.inf) - alone_s)
+            home = home or flyer.home
+    if kind is NoAvoidance:
+        return f"{least:.1f} m"
+    return f"{least:.1f} m, {'goes home' if home else f'{late:.1f} s'}"
+
+
+@pytest.mark.parametrize("name", list(ENCOUNTERS))
+def test_the_table_in_the_docs_is_what_is_measured(name: str) -> None:
+    page = Path(__file__).parents[2] / "docs/explanation/detect-and-avoid.md"
+    (row,) = [line for line in page.read_text().splitlines() if line.startswith(f"| {name} |")]
+    cells = [cell.strip() for cell in row.split("|")[2:-1]]
+    kinds = [NoAvoidance, Stop, Geometric] + ([Orca] if importlib.util.find_spec("pyrvo") else [])
+    assert cells[: len(kinds)] == [told(name, kind) for kind in kinds]
 
 
 @pytest.mark.parametrize("phases", PHASES)
@@ -125,7 +151,7 @@ def test_it_flies_around_a_ghost_in_the_open_by_a_little_on_the_right() -> None:
 def test_where_there_is_no_way_it_holds_then_squeezes_by_then_goes_home() -> None:
     # a court with one gate, too narrow for the protected radius; then also for the least one
     wide = town((-30, 14, 30, 3000), (-30, -3000, 30, -14))
-    green = Flyer((-150, 0, 30), (150, 0, 30), Geometric(wide, Limits(least_m=6.0)))
+    green = Flyer((-150, 0, 30), (150, 0, 30), Geometric(wide, least_m=6.0))
     fly([green], 400, ghosts((0, -6, 30)), city=wide)
     assert "stop" in [name for _, name in green.log]
     assert green.arrived_s is not None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from skyrange.city.city import City
 from skyrange.core.time import Time
-from skyrange.vehicle.avoidance.contract import KEEP, Decision, Episode, Limits, Own, Tracks
+from skyrange.vehicle.avoidance.contract import KEEP, Decision, Episode, Own, Tracks, limits_of
 
 
 class NoAvoidance:
@@ -12,9 +14,9 @@ class NoAvoidance:
 
     kind = "none"
 
-    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
-        """Takes what the others take."""
-        self.limits = limits or Limits()
+    def __init__(self, city: City | None = None, **settings: Any) -> None:
+        """Takes what the others take. Raises `InputError`."""
+        self.limits = limits_of(self.kind, settings)
 
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
         """KEEP, always."""

@@ -43,7 +43,7 @@ FLOOR_M: Final = 5.0
 GOAL_NS: Final[Time] = 5 * NS_PER_S
 """A goal that was not told again for so long is none."""
 _SIDES: Final = 3  # rid_data, rid_up, rid_down
-_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frames")
+_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
 """What is counted, and noted at 1, 2, 4, 8 …: a flood must not fill the record."""
 
 
@@ -57,12 +57,14 @@ class Companion:
         self.name = name
         self.specs = tuple(specs)
         count = len(self.specs)
-        self.ports = [
+        self.ports: Sequence[Port] = [
             Port(endpoint(spec.vehicle, "companion"), link_name(kind, spec.vehicle))
             for spec in self.specs
             for kind in ("rid_data", "rid_up", "rid_down")
         ]
-        self.speaks = [Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs]
+        self.speaks: Sequence[Port] = [
+            Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
+        ]
         """Where it sends without listening."""
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._origin = origin
