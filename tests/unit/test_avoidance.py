@@ -51,6 +51,7 @@ def test_the_moment_of_entering_by_hand() -> None:
     assert entry_s(10.0, 0.0, 0.0, 1.0, 0.0, 0.0, 20.0, 10.0) == math.inf
     assert entry_s(10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0, 10.0) == math.inf
     assert entry_s(10.0, 0.0, 5.0, 0.0, 0.0, -1.0, 20.0, 10.0) == 0.0
+    assert entry_s(10.0, 0.0, 0.0, -0.4, 0.0, 0.0, 20.0, 10.0) == math.inf  # a formation, and noise
     assert entry_s(-100.0, 0.0, 0.0, -10.0, 0.0, 0.0, 20.0, 10.0) == math.inf  # behind, and falling back
 
 

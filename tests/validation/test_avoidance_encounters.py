@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from skyrange.vehicle.avoidance.stop import Stop
 
 Z = 50.0
 HELD_M = 19.0
+NUMBER = re.compile(r"\d+\.\d")
 Way = tuple[Vector, Vector, float]
 ENCOUNTERS: dict[str, list[Way]] = {
     "head-on": [((-300, 0, Z), (300, 0, Z), 10.0), ((300, 0, Z), (-300, 0, Z), 10.0)],
@@ -81,7 +83,13 @@ def test_the_table_in_the_docs_is_what_is_measured(name: str) -> None:
     (row,) = [line for line in page.read_text().splitlines() if line.startswith(f"| {name} |")]
     cells = [cell.strip() for cell in row.split("|")[2:-1]]
     kinds = [NoAvoidance, Stop, Geometric] + ([Orca] if importlib.util.find_spec("pyrvo") else [])
-    assert cells[: len(kinds)] == [told(name, kind) for kind in kinds]
+    for cell, kind in zip(cells, kinds, strict=False):
+        now = told(name, kind)
+        assert NUMBER.sub("#", cell) == NUMBER.sub("#", now)
+        # another machine's sine may turn a decision by a step of 0.25 s, at 10 m/s
+        assert [float(n) for n in NUMBER.findall(cell)] == pytest.approx(
+            [float(n) for n in NUMBER.findall(now)], abs=2.5
+        )
 
 
 @pytest.mark.parametrize("phases", PHASES)
