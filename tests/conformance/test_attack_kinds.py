@@ -23,7 +23,7 @@ from tests.hostile_kind import make as make_homeward
 
 PLACE = [10.0, 5.0, 20.0]
 KINDS: list[tuple[AttackKind, Mapping[str, Any], bool]] = [
-    (SPOOF, {"at": PLACE, "velocity_mps": [1.0, 0.0, 0.0], "methods": ["bt4", "wifi_beacon"]}, True),
+    (SPOOF, {"at": PLACE, "velocity_mps": [1.0, 0.0, 0.0], "transports": ["bt4", "wifi_beacon"]}, True),
     (SPOOF, {"at": PLACE, "form": "position", "vehicle": "blue/b1"}, True),
     (SPOOF, {"at": PLACE, "form": "swarm", "count": 7}, True),
     (REPLAY, {"transmitter_m": PLACE, "delay_s": 1.0}, False),  # nobody is on the air here whom it could hear

@@ -199,7 +199,7 @@ def test_it_is_an_agent() -> None:
         return agent
 
     mail = [
-        Letter(Port("oracle", f"rid_up:{NAMES[k % 3]}"), k * 13 * NS_PER_MS, broadcast(transport, counter=k % 256), "x")
+        Letter(k * 13 * NS_PER_MS, Port("oracle", f"rid_up:{NAMES[k % 3]}"), broadcast(transport, counter=k % 256))
         for k, transport in enumerate(list(Transport) * 30)
     ]
     check_agent(make, mail=mail)

@@ -227,7 +227,7 @@ class World(Protocol):
         ...
 
     def motion(self) -> tuple[Floats, Floats]:
-        """Position and velocity, (n, 3) each, ENU metres and m/s: read-only views that later ticks refill."""
+        """Position and velocity, (n, 3) each, in vehicle order: read-only views that later ticks refill."""
         ...
 
     def truth(self) -> Mapping[str, NDArray[np.float64]]:

@@ -6,6 +6,8 @@ keeps (number, serial) in its columns. The id is put together again when it is q
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from skyrange.agent.blocks import Lanes
@@ -41,6 +43,11 @@ class RefBook:
             numbers[part], serials[part] = self._lane_numbers(block.lanes, block.lane), block.serial
             at += len(block)
         return numbers[order], serials[order]
+
+    @property
+    def names(self) -> Sequence[tuple[str, str, str]]:
+        """(link, direction, sender) by number."""
+        return self._names
 
     def parents(self, numbers: Ints, serials: Ints) -> Parents:
         """The same frames as what a block is made of; none of them `NO_REF`."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from hashlib import blake2b
 from math import atan2, degrees, hypot
 from typing import NamedTuple
 
@@ -28,14 +27,7 @@ from skyrange.codec.f3411 import (
 from skyrange.codec.rid_link import RidHeader, Transport
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
-
-TRANSPORTS = {
-    "bt4": Transport.BT4,
-    "bt5": Transport.BT5,
-    "wifi_beacon": Transport.WIFI_BEACON,
-    "wifi_nan": Transport.WIFI_NAN,
-}
-"""The broadcast methods by the names that a scenario gives them."""
+from skyrange.remoteid.profiles import address_of, serial_number
 
 _HOUR_NS = 3600 * NS_PER_S
 _STOPPED = (0.0, 0.0, 0.0)
@@ -49,13 +41,8 @@ class Persona(NamedTuple):
 
 
 def persona(name: str, uas_id: str = "") -> Persona:
-    """The persona called `name`: an address of its own and, unless given, a serial number in the form of
-    ANSI/CTA-2063-A (four characters of a manufacturer, C for twelve, twelve characters).
-    """
-    digest = blake2b(name.encode(), digest_size=12).digest()
-    # locally administered, unicast (IEEE 802-2014, 8.2): what phones and drones with random addresses use
-    address = bytes([digest[0] & 0xFC | 0x02]) + digest[1:6]
-    return Persona(uas_id or "GHSTC" + digest[6:].hex().upper(), address)
+    """The persona called `name`: address and, unless given, serial number are what a real node of that name has."""
+    return Persona(uas_id or serial_number(name), address_of(name))
 
 
 @dataclass(slots=True)

@@ -14,18 +14,19 @@ from skyrange.agent.links import TapPlacement
 from skyrange.agent.settings import Enu, Number, Params, Whole, refuse
 from skyrange.agent.verdicts import Inject, Verdict
 from skyrange.attack.contract import ORACLE, Attack, AttackKind, Place, Setting
-from skyrange.attack.forgery import TRANSPORTS, Forger, Persona, persona
+from skyrange.attack.forgery import Forger, Persona, persona
 from skyrange.attack.radio import Broadcaster, known_vehicle, transmitter, up_link
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.remoteid.profiles import TRANSPORTS
 
 STREAM = "attack.swarm"
 """Of chance: where the ghosts of a swarm stand."""
 MAST_M = 2.0
 """Height of a transmitter that the scenario does not place: held by hand."""
 
-Method = Literal["bt4", "bt5", "wifi_beacon", "wifi_nan"]
+Way = Literal["wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth"]
 
 
 class Spoof(Params):
@@ -57,10 +58,10 @@ class Spoof(Params):
         default=100.0, gt=0, le=10_000, description="A swarm's ghosts stand within this of its place, in metres."
     )
     rate_hz: Number = Field(
-        default=1.0, ge=0.1, le=10, description="Broadcasts a second of each forged aircraft, by each method."
+        default=1.0, ge=0.1, le=10, description="Broadcasts a second of each forged aircraft, over each transport."
     )
-    methods: tuple[Method, ...] = Field(
-        default=("wifi_beacon",), min_length=1, description="Broadcast methods, each of which carries it all."
+    transports: tuple[Way, ...] = Field(
+        default=("wifi_beacon",), min_length=1, description="Over what, each of which carries it all."
     )
     via: Literal["radio", "link"] = Field(
         default="radio",
@@ -142,7 +143,7 @@ def make(params: Spoof, setting: Setting) -> Attack:
         personas=_personas(params, setting),
         places=_places(params, setting),
         velocity_mps=params.velocity_mps,
-        transports=[TRANSPORTS[name] for name in params.methods],
+        transports=[one for name in params.transports for one in TRANSPORTS[name]],
         period_ns=round(NS_PER_S / params.rate_hz),
         origin=setting.origin,
         epoch=setting.epoch,

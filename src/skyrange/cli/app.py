@@ -193,3 +193,19 @@ def fleet(
 ) -> None:
     """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
     commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, as_json)
+
+
+@bench_app.command(epilog="Example: skyrange bench radio --nodes 1000 --json")
+def radio(
+    nodes: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=2, help="Radios; may be repeated. Default: 10, 100 and 1000."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 10.0,
+    horizon_m: Annotated[
+        float, typer.Option("--horizon", metavar="M", min=1.0, help="Metres beyond which nobody hears anybody.")
+    ] = 500.0,
+    as_json: AsJson = False,
+) -> None:
+    """Broadcast once a second from N aircraft over a city of their own size: what the air costs, and what of it."""
+    commands.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, as_json)

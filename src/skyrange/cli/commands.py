@@ -319,3 +319,25 @@ def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, as_json: boo
             )
     if as_json:
         _print_json(rows)
+
+
+def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json: bool) -> None:
+    """`skyrange bench radio`."""
+    from skyrange.bench.radio import measure
+
+    rows = []
+    if not as_json:
+        heads = f"{'nodes':>8} {'× real time':>11} {'µs/node·s':>9} {'sent/s':>9} {'heard/s':>9}"
+        print(f"{heads} {'heard by':>8} {'sight lines':>11}")
+    for count in nodes:
+        row = measure(count, seconds, horizon_m)
+        rows.append(row)
+        if not as_json:
+            print(
+                f"{count:>8} {row['real_time_factor']:>11.2f} {row['us_per_node_s']:>9.1f} "
+                f"{row['transmissions_per_s']:>9.0f} {row['receptions_per_s']:>9.0f} {row['heard_by']:>8.1f} "
+                f"{row['line_of_sight_share']:>11.0%}",
+                flush=True,
+            )
+    if as_json:
+        _print_json(rows)

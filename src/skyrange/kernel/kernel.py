@@ -164,6 +164,10 @@ class Kernel:
         outbound, traffic.outbound = traffic.outbound, []
         return outbound
 
+    def watcher(self, name: str) -> Watcher:
+        """One of this kernel's own watchers: a fork has others than its stem. `KeyError` for a name that is none."""
+        return cast("Watcher", self._seats[name].agent)
+
     def finish(self) -> None:
         """End the run at `now`: frames still under way are recorded as such. Idempotent."""
         if not self._ended:

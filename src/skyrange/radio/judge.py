@@ -177,7 +177,7 @@ def judge(
         if not air.flag[s, k] & HEARING:
             continue
         r, dbm, signal = air.row[s, k], air.dbm[s, k], air.mw[s, k]
-        noise = 10.0 ** (0.1 * radios.noise_dbm[r, kind])
+        noise = radios.noise_mw[r, kind]
         sending = False
         count = 0
         for o in range(others.shape[0]):

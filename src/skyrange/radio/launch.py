@@ -13,10 +13,10 @@ from typing import Final
 from skyrange.agent.air import Floats, Outcome
 from skyrange.core.compiled import kernel
 from skyrange.radio.access import FRAME_DBM, freeze, leave
-from skyrange.radio.link import BUCKET_M, SILENT, Setting, arriving_dbm, bucket, reach_m
-from skyrange.radio.propagation import noise_dbm
+from skyrange.radio.link import BUCKET_M, Setting, bucket, budget_dbm, luck_db, reach_m
+from skyrange.radio.propagation import NEAREST_M, NO_EDGE, edge_db, noise_dbm, wavelength_m
 from skyrange.radio.receivers import turn_at
-from skyrange.radio.sightlines import Skyline
+from skyrange.radio.sightlines import BEYOND, Skyline, cost_db, enough, trace
 from skyrange.radio.spectrum import centre_mhz, share_within
 from skyrange.radio.table import (
     BLUETOOTH,
@@ -78,8 +78,11 @@ def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Flo
     wifi = is_wifi(kind)
     band = WIFI if wifi else BLUETOOTH
     least, finds = LEAST_SNIR_DB[kind] - FOLLOWED_DB, LOCK_SNIR_DB[kind]
-    reach = reach_m(setting, radios, power, noise_dbm(radios.best_noise_db, width) + min(least, 0.0), centre)
+    farthest = reach_m(radios.best_dbi, power, noise_dbm(radios.best_noise_db, width) + min(least, 0.0), centre)
+    reach = min(farthest, setting.horizon_m)
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
+    vx, vy, vz = vel[sender, 0], vel[sender, 1], vel[sender, 2]
+    pattern, gain, wavelength = aerial[sender, 0], aerial[sender, 1], wavelength_m(centre)
     mask = head.shape[0] - 1
     count = 0
     column0, column1 = math.floor((x - reach) / BUCKET_M), math.floor((x + reach) / BUCKET_M)
@@ -122,11 +125,30 @@ def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Flo
                     if not feels:
                         continue
                 floor = noise[i, kind] + least if hears else noise[i, kind]
-                dbm = arriving_dbm(setting, sky, who, aerial, pos, vel, sender, i, power, centre, start, floor)
-                if dbm == SILENT:
+                bx, by, bz = pos[i, 0], pos[i, 1], pos[i, 2]
+                distance = math.sqrt(ex * ex + ey * ey + ez * ez)
+                dbm = budget_dbm(power, distance, z, bz, wavelength, pattern, gain, aerial[i, 0], aerial[i, 1])
+                margin = dbm - floor
+                loss = BEYOND
+                if margin >= 0.0:
+                    stop = enough(farthest / max(distance, NEAREST_M), x, y, bx, by, wavelength)
+                    met = trace(sky, x, y, z, bx, by, bz, wavelength, stop)
+                    loss = 0.0
+                    if met.cut > 0:
+                        loss = cost_db(sky, met, x, y, z, bx, by, bz, wavelength, margin)
+                    elif met.graze > NO_EDGE:
+                        loss = edge_db(met.graze)
+                if loss > margin:
                     if hears:
                         losses[i, _WEAK] += 1
                     continue
+                dbm -= loss
+                if setting.chance:
+                    ux, uy, uz = vel[i, 0] - vx, vel[i, 1] - vy, vel[i, 2] - vz
+                    speed = math.sqrt(ux * ux + uy * uy + uz * uz)
+                    dbm += luck_db(
+                        setting.seed, who[sender], who[i], x, y, z, bx, by, bz, speed, wavelength, centre, start, loss
+                    )
                 flag = 0
                 if hears:
                     flag = HEARING

@@ -12,8 +12,7 @@ from skyrange.agent.air import Floats, Ints
 from skyrange.core.compiled import kernel
 from skyrange.radio.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
 from skyrange.radio.propagation import dipole_dbi, open_db, wavelength_m
-from skyrange.radio.sightlines import Skyline, obstruction_db
-from skyrange.radio.table import Radios
+from skyrange.radio.sightlines import BEYOND, Skyline, obstruction_db
 
 SILENT: Final = -math.inf
 HIDDEN_DB: Final = 6.0
@@ -35,27 +34,42 @@ class Setting(NamedTuple):
 
 
 @kernel
-def antenna_dbi(pattern: float, gain_dbi: float, sine: float) -> float:
-    """Gain of an antenna towards an elevation."""
-    return gain_dbi + dipole_dbi(sine) if pattern == 1.0 else gain_dbi
+def budget_dbm(
+    power_dbm: float, distance: float, az: float, bz: float, wavelength: float, pattern_a: float, gain_a: float,
+    pattern_b: float, gain_b: float,
+) -> float:  # fmt: skip
+    """Median power at the receiver's input with nothing between. Scalars only, as in `luck_db`: it is called often."""
+    sine = (bz - az) / distance if distance > 0.0 else 0.0
+    mean = power_dbm + gain_a + gain_b - open_db(distance, az, bz, wavelength)
+    if pattern_a == 1.0:
+        mean += dipole_dbi(sine)
+    if pattern_b == 1.0:
+        mean += dipole_dbi(-sine)
+    return mean
+
+
+@kernel
+def luck_db(
+    seed: np.uint64, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float, az: float, bx: float, by: float,
+    bz: float, speed_mps: float, wavelength: float, centre: float, time_ns: int, loss_db: float,
+) -> float:  # fmt: skip
+    """What shadowing and fading add for two radios at two places."""
+    hidden = loss_db >= HIDDEN_DB
+    pair = pair_of(who_a, who_b)
+    side = cell_side_m(hidden)
+    near, far = cell_of(ax, ay, az, side), cell_of(bx, by, bz, side)
+    if who_b < who_a:
+        near, far = far, near
+    shadow = shadow_db(seed, pair, near, far, max(min(az, bz), 0.0), hidden)
+    return shadow + fade_db(seed, pair, time_ns, coherence_ns(speed_mps, wavelength), centre, hidden)
 
 
 @kernel
 def arriving_dbm(
-    setting: Setting,
-    sky: Skyline,
-    who: NDArray[np.uint64],
-    aerial: Floats,
-    pos: Floats,
-    vel: Floats,
-    sender: int,
-    receiver: int,
-    power_dbm: float,
-    centre: float,
-    time_ns: int,
-    floor_dbm: float,
-) -> float:
-    """Power at the receiver's input; `SILENT` where its mean is below `floor_dbm`, or there is no radio."""
+    setting: Setting, sky: Skyline, who: NDArray[np.uint64], aerial: Floats, pos: Floats, vel: Floats, sender: int,
+    receiver: int, power_dbm: float, centre: float, time_ns: int, floor_dbm: float,
+) -> float:  # fmt: skip
+    """Power at the receiver's input; `SILENT` where its median is below `floor_dbm`, or there is no radio."""
     ax, ay, az = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     bx, by, bz = pos[receiver, 0], pos[receiver, 1], pos[receiver, 2]
     dx, dy, dz = bx - ax, by - ay, bz - az
@@ -63,37 +77,32 @@ def arriving_dbm(
     if not distance <= setting.horizon_m:  # not a number, too
         return SILENT
     wavelength = wavelength_m(centre)
-    sine = dz / distance if distance > 0.0 else 0.0
-    mean = power_dbm + antenna_dbi(aerial[sender, 0], aerial[sender, 1], sine)
-    mean += antenna_dbi(aerial[receiver, 0], aerial[receiver, 1], -sine)
-    mean -= open_db(distance, az, bz, wavelength)
+    mean = budget_dbm(
+        power_dbm, distance, az, bz, wavelength, aerial[sender, 0], aerial[sender, 1], aerial[receiver, 0],
+        aerial[receiver, 1],
+    )  # fmt: skip
     if mean < floor_dbm:
         return SILENT
     loss = obstruction_db(sky, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
-    if loss > mean - floor_dbm:
+    if loss == BEYOND:
         return SILENT
     mean -= loss
-    if not setting.chance:
-        return mean
-    hidden = loss >= HIDDEN_DB
-    pair = pair_of(who[sender], who[receiver])
-    side = cell_side_m(hidden)
-    near, far = cell_of(ax, ay, az, side), cell_of(bx, by, bz, side)
-    if who[receiver] < who[sender]:
-        near, far = far, near
-    mean += shadow_db(setting.seed, pair, near, far, max(min(az, bz), 0.0), hidden)
-    ux = vel[receiver, 0] - vel[sender, 0]
-    uy = vel[receiver, 1] - vel[sender, 1]
-    uz = vel[receiver, 2] - vel[sender, 2]
-    bin_ns = coherence_ns(math.sqrt(ux * ux + uy * uy + uz * uz), wavelength)
-    return float(mean + fade_db(setting.seed, pair, time_ns, bin_ns, centre, hidden))
+    if setting.chance:
+        ux = vel[receiver, 0] - vel[sender, 0]
+        uy = vel[receiver, 1] - vel[sender, 1]
+        uz = vel[receiver, 2] - vel[sender, 2]
+        speed = math.sqrt(ux * ux + uy * uy + uz * uz)
+        mean += luck_db(
+            setting.seed, who[sender], who[receiver], ax, ay, az, bx, by, bz, speed, wavelength, centre, time_ns, loss
+        )
+    return mean
 
 
 @kernel
-def reach_m(setting: Setting, radios: Radios, power_dbm: float, floor_dbm: float, centre: float) -> float:
-    """How far a signal can be above a floor at the best receiver, in free space."""
-    budget = power_dbm + 2.0 * max(radios.best_dbi, 0.0) - floor_dbm
-    return float(min(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget), setting.horizon_m))
+def reach_m(best_dbi: float, power_dbm: float, floor_dbm: float, centre: float) -> float:
+    """How far a signal is above a floor between the best antennas, in free space."""
+    budget = power_dbm + 2.0 * max(best_dbi, 0.0) - floor_dbm
+    return float(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget))
 
 
 @kernel

@@ -158,22 +158,31 @@ class BuiltinMedium:
         order = rows[np.lexsort((rows, at[rows], radio[rows]))]
         nth = _rank(radio[order], at[order])
         draws = self._chance.uniforms("radio.access", self._radios.who[radio[order]], at[order], nth.view(np.uint64))
-        for row, number, draw in zip(order.tolist(), nth.tolist(), draws.tolist(), strict=True):
-            self._queue(
-                int(requests.key[row]), int(radio[row]), int(kind[row]), int(channel[row]), int(at[row]),
-                int(requests.size_bytes[row]), float(power[row]), number, draw,
+        count = len(order)
+        self._air = table.with_room(self._air, waiting=int(self._air.counts[0]) + 4 * count)
+        on_wifi = wifi[order]
+        chosen, times = order[on_wifi], at[order[on_wifi]]
+        slots = (draws[on_wifi, 0] * (WINDOW[kind[chosen]] + 1)).astype(np.int64)
+        rows_of = (
+            requests.key[chosen], radio[chosen], kind[chosen], channel[chosen], table.WHOLE, nth[on_wifi],
+            requests.size_bytes[chosen], times, times, table.QUEUED, times, -1, slots, times + access.PATIENCE_NS,
+        )  # fmt: skip
+        begin, end = int(self._air.counts[0]), int(self._air.counts[0]) + len(chosen)
+        for place, column in enumerate(rows_of):
+            self._air.wait[place, begin:end] = column
+        self._air.wait_dbm[begin:end] = power[chosen]
+        self._air.counts[0] = end
+        for k in np.flatnonzero(~on_wifi).tolist():
+            row = int(order[k])
+            self._advertise(
+                int(requests.key[row]), int(radio[row]), int(kind[row]), int(at[row]), int(requests.size_bytes[row]),
+                float(power[row]), int(nth[k]), draws[k].tolist(),
             )  # fmt: skip
 
-    def _queue(
-        self, key: int, radio: int, kind: int, channel: int, at: Time, size: int, dbm: float, nth: int,
-        draw: Sequence[float],
-    ) -> None:  # fmt: skip
-        """One frame as the bursts it is."""
-        if kind < 2:
-            slots = int(draw[0] * (WINDOW[kind] + 1))
-            self._wait(dbm, (key, radio, kind, channel, table.WHOLE, nth, size, at, at, table.QUEUED, at, -1, slots,
-                             at + access.PATIENCE_NS))  # fmt: skip
-            return
+    def _advertise(
+        self, key: int, radio: int, kind: int, at: Time, size: int, dbm: float, nth: int, draw: Sequence[float]
+    ) -> None:
+        """Queue the bursts of one advertising event."""
         extended = kind == Waveform.BLE_CODED
         role, bytes_ = (table.POINTER, _POINTER_BYTES) if extended else (table.WHOLE, size)
         plan = at + int(draw[1] * access.ADV_DELAY_NS)
@@ -189,8 +198,6 @@ class BuiltinMedium:
 
     def _wait(self, dbm: float, row: tuple[int, ...]) -> None:
         count = int(self._air.counts[0])
-        if count == self._air.wait_dbm.shape[0]:
-            self._air = table.with_room(self._air, waiting=count + 1)
         self._air.wait[:, count] = row
         self._air.wait_dbm[count] = dbm
         self._air.counts[0] = count + 1

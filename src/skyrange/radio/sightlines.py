@@ -28,6 +28,7 @@ END_M: Final = 1.0
 ROW: Final = 2
 """Round the sides of so many buildings in a row the signal finds a way; past more it comes over them."""
 BEYOND: Final = math.inf
+_LIMIT: Final = 10.0 ** (0.05 * (4.8 - 12.92))
 _MINOR_DB: Final = 10.0  # a way that much longer than that over the roofs adds less than half a dB
 _SUM_DB: Final = 4.8  # three equal ways together are 4.8 dB above one of them
 
@@ -35,17 +36,27 @@ _SUM_DB: Final = 4.8  # three equal ways together are 4.8 dB above one of them
 class Skyline(NamedTuple):
     """A city's walls with an index for lines: the grid of `walls`, but each building only in the cells it stands in."""
 
-    walls: Walls
+    box: NDArray[np.float64]
+    edges: NDArray[np.float64]
+    first: NDArray[np.int64]
+    """As `Walls` has them."""
     cells: NDArray[np.int64]
     """(c + 1,): where a cell's buildings begin in `inside`."""
     inside: NDArray[np.int32]
     tops: NDArray[np.float64]
     """(c,): the highest roof in each cell."""
+    west: float
+    south: float
+    side: float
+    columns: int
+    rows: int
 
 
 def skyline(walls: Walls = NO_WALLS) -> Skyline:
     """The index of some walls."""
-    return Skyline(walls, *_index(walls))
+    west, south, side = walls.frame.tolist()
+    shared = (walls.box, walls.edges, walls.first, *_index(walls))
+    return Skyline(*shared, west, south, side, walls.columns, walls.rows)
 
 
 @kernel
@@ -151,9 +162,7 @@ def trace(
 
     One long function on purpose: a call that hands arrays on costs more than what it would do here.
     """
-    walls = sky.walls
-    box, edges, first, tops, cells, inside = walls.box, walls.edges, walls.first, sky.tops, sky.cells, sky.inside
-    columns, rows = walls.columns, walls.rows
+    box, edges, first, cells, inside, tops, west, south, side, columns, rows = sky
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
     graze = NO_EDGE
@@ -164,7 +173,7 @@ def trace(
     per_x, per_y = _per(dx), _per(dy)
     last = before = first_cut = second_cut = -1
     column, row, east, north, next_x, next_y, each_x, each_y, way, end = _walk(
-        walls.frame[0], walls.frame[1], walls.frame[2], columns, rows, ax, ay, dx, dy
+        west, south, side, columns, rows, ax, ay, dx, dy
     )
     while way < end and 0 <= column < columns and 0 <= row < rows:
         leaving = min(next_x, next_y, end)
@@ -255,14 +264,32 @@ def obstruction_db(
 
     0 without any near the line, 0 to 6 dB with a roof close below it, more where the line is cut.
     """
+    stop = enough(10.0 ** (0.05 * margin_db), ax, ay, bx, by, wavelength)
+    met = trace(sky, ax, ay, az, bx, by, bz, wavelength, stop)
+    return cost_db(sky, met, ax, ay, az, bx, by, bz, wavelength, margin_db)
+
+
+@kernel
+def enough(margin: float, ax: float, ay: float, bx: float, by: float, wavelength: float) -> float:
+    """The product of two slopes beyond which `trace` may stop: all ways cost more than the margin, whatever else comes.
+
+    `margin` is a ratio of field strengths. J(ν) is at least 6.9 + 20·log10(2·(ν - 0.1)).
+    """
+    limit = 0.1 + _LIMIT * margin
+    return limit * limit * wavelength / (2.0 * max(math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay)), END_M))
+
+
+@kernel
+def cost_db(
+    sky: Skyline, met: Cut, ax: float, ay: float, az: float, bx: float, by: float, bz: float, wavelength: float,
+    margin_db: float,
+) -> float:  # fmt: skip
+    """The loss along a line that was traced; see `obstruction_db`."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
-    # J(ν) is at least 6.9 + 20·log10(2·(ν - 0.1)), so that beyond this ν all three ways are too much
-    limit = 0.1 + 10.0 ** (0.05 * (margin_db + _SUM_DB - 12.92))
-    met = trace(sky, ax, ay, az, bx, by, bz, wavelength, limit * limit * wavelength / (2.0 * max(distance, END_M)))
     if met.cut == 0:
         loss = edge_db(met.graze)
-        return loss if loss <= margin_db else BEYOND
+        return float(loss) if loss <= margin_db else BEYOND
     most = margin_db + _SUM_DB
     over = edge_db(bullington_nu(met.up_a, met.up_b, distance, wavelength))
     left = right = BEYOND
@@ -278,4 +305,4 @@ def obstruction_db(
     if right <= over + _MINOR_DB and met.right_a * met.right_b > 0.0:
         power += 10.0 ** (-0.1 * _round_db(sky, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
     loss = -10.0 * math.log10(power)
-    return loss if loss <= margin_db else BEYOND
+    return float(loss) if loss <= margin_db else BEYOND

@@ -58,6 +58,7 @@ class Radios(NamedTuple):
     turn_channel: Ints
     turn_mask: Ints
     """Bit w: hears waveform w."""
+    noise_mw: Floats
     best_dbi: float
     best_noise_db: float
     """The best gain and the lowest noise figure that there are."""
@@ -125,15 +126,15 @@ def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
             phase = int(chance.uniform4("radio.phase", hash64(spec.name), 0, band)[0] * cycle)
             dwell, window = (ALWAYS, ALWAYS) if always else (chain.dwell_ns, chain.window_ns)
             chains[i, band] = (first, len(chain.turns), dwell, window, chain.rest_ns, phase)
+    noise = np.array([[noise_dbm(spec.noise_figure_db, float(width)) for width in WIDTH_MHZ] for spec in specs])
+    noise = noise.reshape(n, len(WIDTH_MHZ))
     peaks = [spec.gain_dbi + (float(dipole_dbi(0.0)) if spec.antenna == "dipole" else 0.0) for spec in specs]
     return Radios(
         who=np.array([hash64(spec.name) for spec in specs], dtype=np.uint64),
         aerial=np.array([(ANTENNAS.index(spec.antenna), spec.gain_dbi) for spec in specs]).reshape(shape),
         sends_dbm=np.array([(spec.wifi_dbm, spec.ble_dbm) for spec in specs], dtype=np.float64).reshape(shape),
-        noise_dbm=np.array(
-            [[noise_dbm(spec.noise_figure_db, float(width)) for width in WIDTH_MHZ] for spec in specs],
-            dtype=np.float64,
-        ).reshape(n, len(WIDTH_MHZ)),
+        noise_dbm=noise,
+        noise_mw=10.0 ** (0.1 * noise),
         chain=chains,
         turn_channel=np.array(channels, dtype=np.int64),
         turn_mask=np.array(masks, dtype=np.int64),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationError, model_validator
 
 from skyrange.agent.plugins import AVOIDANCE
 from skyrange.agent.settings import Enu
@@ -110,12 +110,15 @@ class Avoidance(Model):
     def make(self, city: Any) -> Any:
         """The avoidance, aware of the city's walls."""
         from skyrange.agent.plugins import find
-        from skyrange.core.errors import InputError
+        from skyrange.vehicle.avoidance.contract import Limits
 
         try:
-            return find(AVOIDANCE, self.kind)(city, **self.params)
-        except InputError as error:
-            raise refuse(*(Fault(f"params.{f.where}", f.value, f.expected, f.hint) for f in error.faults)) from None
+            return find(AVOIDANCE, self.kind)(city, Limits.model_validate(self.params))
+        except ValidationError as error:
+            from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
+
+            found = faults_of(error, Limits, self.params)
+            raise refuse(*(Fault(f"params.{f.where}", f.value, f.expected, f.hint) for f in found)) from None
 
 
 def _kind_alone(value: Any) -> Any:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, field_validator
 
 from skyrange.agent.links import AttackPlan, LinkSpec, Schedule, TapPlacement
 from skyrange.agent.plugins import ATTACKS, find
@@ -71,24 +71,31 @@ class AttackTable(Model):
     sham: bool = Field(
         default=False, strict=True, description="The same transmitter, airtime and timing with content that is benign."
     )
-    params: dict[str, Any] = Field(default_factory=dict, description="The kind's own parameters.")
+    params: dict[str, Any] = Field(
+        default_factory=dict, validate_default=True, description="The kind's own parameters."
+    )
 
-    @model_validator(mode="after")
-    def _its_kind_and_times(self) -> AttackTable:
-        faults = []
-        if self.stop_s is not None and self.stop_s <= self.start_s:
-            faults.append(Fault("stop_s", f"{self.stop_s:g}", f"more than start_s, {self.start_s:g}"))
-        model = kind_of(self.kind).params
+    @field_validator("params")
+    @classmethod
+    def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        """The parameters that its kind makes of them, with every default; untouched where the kind is unknown."""
+        if "kind" not in info.data:
+            return params
+        model = kind_of(info.data["kind"]).params
         try:
-            object.__setattr__(self, "params", model.model_validate(self.params).model_dump(exclude_none=True))
+            return model.model_validate(params).model_dump(exclude_none=True)
         except ValidationError as error:
             from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
 
-            found = faults_of(error, model, self.params)
-            faults += [Fault(f"params.{f.where}".rstrip("."), f.value, f.expected, f.hint) for f in found]
-        if faults:
-            raise refuse(*faults)
-        return self
+            raise refuse(*faults_of(error, model, params)) from None
+
+    @field_validator("stop_s")
+    @classmethod
+    def _stops_after_it_starts(cls, stop_s: float | None, info: ValidationInfo) -> float | None:
+        start_s = info.data.get("start_s", 0.0)
+        if stop_s is not None and stop_s <= start_s:
+            raise wrong(f"{stop_s:g}", f"more than start_s, {start_s:g}")
+        return stop_s
 
     @property
     def settings(self) -> Params:

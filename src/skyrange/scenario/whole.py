@@ -85,7 +85,7 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Fault]:
 
 
 def _rule_faults(scenario: Any) -> Iterator[Fault]:
-    names = link_names(scenario.operators)
+    names = link_names(scenario.operators, scenario.radio is not None)
     for index, rule in enumerate(scenario.links):
         if not any(fnmatchcase(name, rule.match) for name in names):
             hint = nearest(rule.match, names) or f"A link's name is like {names[-1]!r}." if names else ""

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
@@ -50,7 +50,8 @@ def fly_all(
     """
     if jobs <= 1 or len(flights) <= 1:
         return _one_by_one(flights, on_progress, report)
-    context = multiprocessing.get_context("fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn")
+    forks = "fork" in multiprocessing.get_all_start_methods()
+    context: Any = multiprocessing.get_context("fork" if forks else "spawn")
     results: list[Flown | None] = [None] * len(flights)
     waiting = list(range(len(flights)))
     children: dict[Connection, _Child] = {}
@@ -69,9 +70,9 @@ def fly_all(
                 if interrupt.requested and not told:
                     told = True
                     _interrupt(children.values())
-                for inlet in wait(list(children), timeout=_LOOK_S):
-                    assert isinstance(inlet, Connection)
-                    _hear(children, inlet, results, on_progress)
+                for ready in wait(list(children), timeout=_LOOK_S):
+                    assert isinstance(ready, Connection)
+                    _hear(children, ready, results, on_progress)
         finally:
             for child in children.values():
                 child.process.terminate()

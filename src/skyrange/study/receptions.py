@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.ids import FrameId
 from skyrange.record.run import RunRecord
-from skyrange.record.schema import TABLES
 
 Floats = NDArray[np.float64]
 
@@ -40,24 +38,19 @@ class Receptions:
 
 
 def receptions_of(record: RunRecord) -> Receptions | None:
-    """What a run recorded of them; None where it has no such table or no row in it."""
-    if "receptions" not in TABLES:
-        return None
+    """What a run recorded of them; None where it recorded none."""
     table = record.table("receptions")
     if not table.num_rows:
         return None
-    names = set(table.column_names)
-    frames = table.column("frame").to_pylist()
-    senders = [_owner(frame) for frame in frames]
     places = np.stack([table.column(name).to_numpy() for name in ("east_m", "north_m", "up_m")], axis=1)
-    decoded = table.column("decoded").to_numpy(zero_copy_only=False) if "decoded" in names else np.ones(len(frames))
+    senders = [link.partition(":")[2] for link in table.column("link").to_pylist()]
     return Receptions(
         table.column("time_ns").to_numpy(),
         np.array(senders, dtype=np.str_),
-        np.array([_plain(name) for name in table.column("receiver").to_pylist()], dtype=np.str_),
+        np.array(table.column("receiver").to_pylist(), dtype=np.str_),
         places.astype(np.float64),
         table.column("rssi_dbm").to_numpy().astype(np.float64),
-        decoded.astype(np.bool_),
+        np.array(table.column("outcome").to_pylist()) == "decoded",
     )
 
 
@@ -81,16 +74,3 @@ def who_heard_whom(heard: Receptions) -> list[dict[str, Any]]:
             }
         )
     return found
-
-
-def _owner(frame: str) -> str:
-    """Who sent a frame on `rid_up:WHO`."""
-    try:
-        return FrameId.parse(frame).link.partition(":")[2]
-    except ValueError:
-        return frame
-
-
-def _plain(name: str) -> str:
-    """A receiver's owner: `green/g1` of `green/g1.companion`."""
-    return name.rsplit(".", 1)[0] if name.endswith((".companion", ".radio")) else name

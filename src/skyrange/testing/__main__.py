@@ -8,6 +8,7 @@ from skyrange.testing.agents import AGENT
 from skyrange.testing.approvals import APPROVAL
 from skyrange.testing.attacks import ATTACK
 from skyrange.testing.engines import ENGINE
+from skyrange.testing.media import MEDIUM
 from skyrange.testing.rules import RuleBook
 from skyrange.testing.taps import TAP
 
@@ -17,6 +18,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Autopilot engines: `check_engine`": ENGINE,
     "Approvals: `check_approval`": APPROVAL,
     "Attacks: `check_attack`": ATTACK,
+    "Radio media: `check_medium`": MEDIUM,
 }
 _HEAD = """\
 # Conformance rules

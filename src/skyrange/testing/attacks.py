@@ -14,7 +14,7 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.schema import Operator as Owner
-from skyrange.scenario.schema import Origin, Scenario, Vehicle, square
+from skyrange.scenario.schema import Origin, Scenario, Start, Vehicle, square
 from skyrange.scenario.wire import setting_of, wire
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 
@@ -27,11 +27,11 @@ ATTACK: RuleBook[AttackCase] = RuleBook("attack")
 
 def two_squares(duration_s: float) -> Scenario:
     """Two aircraft of two operators that fly squares: what an attack is checked on, unless told otherwise."""
-    fleets = {"blue": ("b1", (0.0, 0.0)), "green": ("g1", (40.0, 0.0))}
-    operators = [
-        Owner(id=name, vehicles=[Vehicle(id=vehicle, start=start, plan=square(10, 8))])
+    fleets = {"blue": ("b1", Start()), "green": ("g1", Start(east_m=40.0))}
+    operators = tuple(
+        Owner(id=name, vehicles=(Vehicle(id=vehicle, start=start, plan=square(10, 8)),))
         for name, (vehicle, start) in fleets.items()
-    ]
+    )
     origin = Origin(lat=-35.363328, lon=149.1652241)
     return Scenario(name="checked", seed=7, duration_s=duration_s, origin=origin, operators=operators)
 

@@ -87,13 +87,17 @@ def routes(vehicle: str) -> list[Route]:
 
 
 def links(vehicle: str, operator: str) -> list[LinkSpec]:
-    """The six links of one vehicle, its operator's ground station and the oracle, with default channels."""
+    """The four links of one vehicle and its operator's ground station, with default channels."""
     ends = {
         "gcs": (endpoint(operator, "gcs"), endpoint(vehicle, "companion")),
         "log": (endpoint(vehicle, "companion"), endpoint(vehicle, "proxy")),
         "autopilot": (endpoint(vehicle, "proxy"), endpoint(vehicle, "autopilot")),
         "rid_data": (endpoint(vehicle, "proxy"), endpoint(vehicle, "companion")),
-        "rid_up": (endpoint(vehicle, "companion"), ORACLE),
-        "rid_down": (ORACLE, endpoint(vehicle, "companion")),
     }
+    return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]
+
+
+def air_links(vehicle: str) -> list[LinkSpec]:
+    """The two between one vehicle's companion and the oracle, with default channels."""
+    ends = {"rid_up": (endpoint(vehicle, "companion"), ORACLE), "rid_down": (ORACLE, endpoint(vehicle, "companion"))}
     return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]

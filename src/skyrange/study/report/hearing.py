@@ -30,7 +30,7 @@ def hearing_map(subject: Subject, heard: Receptions, senders: Collection[str], p
     own = heard.of(senders)
     ground = ground_of([own.enu_m, *(np.array([place]) for place in places.values())], subject.city, 760.0)
     body = [ground.buildings()]
-    rows = np.unique(np.linspace(0, len(own) - 1, min(len(own), MOST_DOTS)).astype(np.int64)) if len(own) else []
+    rows = np.unique(np.linspace(0, len(own) - 1, min(len(own), MOST_DOTS)).astype(np.int64))
     for row in rows:
         x, y = ground.pixels(own.enu_m[row : row + 1])[0].tolist()
         colour = _COLOURS[int(np.searchsorted(_STEPS_DBM, own.rssi_dbm[row]))]

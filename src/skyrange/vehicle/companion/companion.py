@@ -57,12 +57,14 @@ class Companion:
         self.name = name
         self.specs = tuple(specs)
         count = len(self.specs)
-        self.ports = [
+        self.ports: Sequence[Port] = [
             Port(endpoint(spec.vehicle, "companion"), link_name(kind, spec.vehicle))
             for spec in self.specs
             for kind in ("rid_data", "rid_up", "rid_down")
         ]
-        self.speaks = [Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs]
+        self.speaks: Sequence[Port] = [
+            Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
+        ]
         """Where it sends without listening."""
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._origin = origin

@@ -1,0 +1,177 @@
+"""How much does the air cost? Aircraft over a city at one density, all broadcasting once a second on Wi-Fi and hearing.
+
+The oracle is driven as a kernel would: frames on `rid_up` come in, receptions on `rid_down` go out, positions move.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.air import RadioSpec
+from skyrange.agent.messages import Arrival, Inbox
+from skyrange.bench.yardstick import yardstick_us
+from skyrange.city.city import City
+from skyrange.city.downtown import downtown_grid
+from skyrange.codec import rid_link
+from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.core.chance import Chance
+from skyrange.core.compiled import kernel
+from skyrange.core.errors import ComponentError
+from skyrange.core.ids import FrameId, Port, link_name
+from skyrange.core.time import NS_PER_S
+from skyrange.radio.link import Setting, reach_m
+from skyrange.radio.medium import BuiltinMedium
+from skyrange.radio.oracle import Oracle
+from skyrange.radio.propagation import NEAREST_M, noise_dbm, open_db, wavelength_m
+from skyrange.radio.receivers import COMPANION
+from skyrange.radio.sightlines import Skyline, obstruction_db
+from skyrange.radio.surroundings import Surroundings
+from skyrange.radio.waveforms import LEAST_SNIR_DB
+
+PER_KM2 = 50.0
+"""Aircraft, whatever their number: the city grows with them."""
+SPEED_MPS = 10.0
+BODY_BYTES = 178
+"""A pack of seven messages, as 14 CFR 89.305 fills it."""
+CENTRE_MHZ = 2437.0
+Floats = NDArray[np.float64]
+
+
+class Fleet:
+    """A world of aircraft that fly straight, 30 to 100 m up, and turn back at the city's edge."""
+
+    def __init__(self, nodes: int, side_m: float, city: City) -> None:
+        rng = np.random.default_rng(nodes)
+        self.vehicles = [f"op/v{k + 1}" for k in range(nodes)]
+        half = 0.5 * side_m
+        place = np.column_stack((rng.uniform(-half, half, (nodes, 2)), rng.uniform(30.0, 100.0, nodes)))
+        for _ in range(100):
+            inside = [k for k in range(nodes) if city.inside(*place[k])]
+            if not inside:
+                break
+            place[inside, :2] = rng.uniform(-half, half, (len(inside), 2))
+        heading = rng.uniform(0.0, 2.0 * math.pi, nodes)
+        self.place = place
+        self.velocity = SPEED_MPS * np.column_stack((np.cos(heading), np.sin(heading), np.zeros(nodes)))
+        self.half = half
+
+    def move(self, seconds: float) -> None:
+        """Fly on."""
+        self.place += seconds * self.velocity
+        for axis in range(2):
+            beyond = np.abs(self.place[:, axis]) > self.half
+            self.velocity[beyond, axis] = -np.sign(self.place[beyond, axis]) * np.abs(self.velocity[beyond, axis])
+
+    def motion(self) -> tuple[Floats, Floats]:
+        """As a world has it."""
+        return self.place, self.velocity
+
+
+@kernel
+def _all_lines(sky: Skyline, place: Floats, reach: float, power_dbm: float, floor_dbm: float, wavelength: float) -> int:
+    """Look once from everybody to everybody in reach, as one second's broadcasts do; how many lines that are."""
+    lines = 0
+    for i in range(place.shape[0]):
+        for j in range(place.shape[0]):
+            dx, dy, dz = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1], place[j, 2] - place[i, 2]
+            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if i == j or distance > reach:
+                continue
+            margin = power_dbm - open_db(max(distance, NEAREST_M), place[i, 2], place[j, 2], wavelength) - floor_dbm
+            if margin >= 0.0:
+                lines += 1
+                if (
+                    obstruction_db(
+                        sky,
+                        place[i, 0],
+                        place[i, 1],
+                        place[i, 2],
+                        place[j, 0],
+                        place[j, 1],
+                        place[j, 2],
+                        wavelength,
+                        margin,
+                    )
+                    < -1.0
+                ):  # never: but what is not used might not be computed
+                    lines -= 1
+    return lines
+
+
+def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, Any]:
+    """One row: `nodes` aircraft for `seconds` simulated seconds, in this process.
+
+    `real_time_factor` is simulated over CPU seconds of the oracle alone; `us_per_node_s` what a node costs a second;
+    `transmissions_per_s` and `receptions_per_s` are per CPU second; `heard_by` the mean number of receivers of a
+    broadcast; `lines_per_s` sight lines looked along per simulated second and `line_of_sight_share` the share of time
+    that they take, timed apart; `yardstick_us` as in `bench fleet`.
+    """
+    if nodes < 2:
+        raise ComponentError(f"bench with {nodes} radios", "nobody to hear", "Ask for 2 or more")
+    side_m = 1_000.0 * math.sqrt(nodes / PER_KM2)
+    city = downtown_grid((math.ceil(side_m / 96.0),) * 2)
+    fleet = Fleet(nodes, side_m, city)
+    radios = [RadioSpec(name, listening=COMPANION) for name in fleet.vehicles]
+    medium = BuiltinMedium(radios, Chance(nodes), city, Surroundings(horizon_m=horizon_m))
+    oracle = Oracle(medium, fleet.vehicles, fleet.vehicles)
+    payload = rid_link.pack(RidHeader(Transport.WIFI_BEACON, channel=6), bytes(BODY_BYTES))
+    names = [link_name("rid_up", name) for name in fleet.vehicles]
+    phase = np.random.default_rng(nodes).integers(1, NS_PER_S, nodes)
+    steps = NS_PER_S // oracle.service_ns
+    by_step: list[list[int]] = [[] for _ in range(steps)]
+    for node in np.argsort(phase).tolist():
+        by_step[int(-(-phase[node] // oracle.service_ns)) - 1].append(node)
+    spent, received, sent = 0.0, 0, 0
+    step = 0
+    warm = steps
+    for step in range(1, warm + round(seconds * steps) + 1):
+        now = step * oracle.service_ns
+        second, turn = divmod(step - 1, steps)
+        mail = []
+        for node in by_step[turn]:
+            at = second * NS_PER_S + int(phase[node])
+            ref = FrameId(names[node], "fwd", fleet.vehicles[node], second)
+            mail.append(Arrival(Port("oracle", names[node]), at, payload, fleet.vehicles[node], ref))
+        fleet.move(oracle.service_ns / NS_PER_S)
+        began = time.process_time()
+        oracle.look(now, fleet)  # type: ignore[arg-type]
+        outbox = oracle.step(now, Inbox(mail)) if mail or not medium.quiet else None
+        if step <= warm:
+            continue
+        spent += time.process_time() - began
+        sent += len(mail)
+        received += sum(len(block.places) for block in outbox.blocks) if outbox is not None else 0
+    lines, lines_s = _time_lines(medium, fleet.place)
+    return {
+        "nodes": nodes,
+        "seconds": seconds,
+        "per_km2": PER_KM2,
+        "horizon_m": horizon_m,
+        "real_time_factor": round(seconds / spent, 2),
+        "us_per_node_s": round(spent / seconds / nodes * 1e6, 1),
+        "cpu_s": round(spent, 3),
+        "transmissions_per_s": round(sent / spent, 1),
+        "receptions_per_s": round(received / spent, 1),
+        "heard_by": round(received / max(sent, 1), 2),
+        "lines_per_s": lines,
+        "line_of_sight_share": round(min(lines_s * seconds / spent, 1.0), 3),
+        "yardstick_us": round(yardstick_us(), 2),
+    }
+
+
+def _time_lines(medium: BuiltinMedium, place: Floats) -> tuple[int, float]:
+    """How many sight lines a second's broadcasts look along, and the CPU seconds that takes."""
+    setting: Setting = medium._setting
+    spec = medium.radios[0]
+    floor = float(noise_dbm(spec.noise_figure_db, 20.0)) + float(LEAST_SNIR_DB[1]) - 3.0
+    reach = min(reach_m(0.0, spec.wifi_dbm, floor, CENTRE_MHZ), setting.horizon_m)
+    arguments = (medium._sky, place, reach, spec.wifi_dbm, floor, wavelength_m(CENTRE_MHZ))
+    _all_lines(*arguments)
+    began = time.process_time()
+    lines = _all_lines(*arguments)
+    return lines, time.process_time() - began

@@ -1,0 +1,233 @@
+"""Does a radio medium keep its contract? (`skyrange.agent.air.Medium`)"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyrange.agent.air import (
+    ANY_CHANNEL,
+    Fate,
+    Listening,
+    Medium,
+    OnAir,
+    Outcome,
+    RadioSpec,
+    RadioTable,
+    Turn,
+    TxBatch,
+    Waveform,
+)
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.testing.driving import copied
+from skyrange.testing.purity import Call, plainly, watched
+from skyrange.testing.rules import Broken, RuleBook, need, same, short
+
+TICK_NS = 10 * NS_PER_MS
+"""How often places change, however the time is cut."""
+UNTIL_NS = 3 * NS_PER_S
+TOLD_NS = 2 * NS_PER_S
+"""By when everything about a frame has been told."""
+_WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
+_EARS = (
+    Listening((Turn(6, _WIFI),)),
+    Listening(tuple(Turn(channel, (Waveform.BLE_1M,)) for channel in (37, 38, 39)), 30 * NS_PER_MS, 30 * NS_PER_MS),
+)
+
+MEDIUM: RuleBook[MediumCase] = RuleBook("medium")
+
+Request = tuple[str, Time, int, int, int]
+"""Radio, time, waveform, size, key."""
+Row = tuple[object, ...]
+
+
+@dataclass
+class MediumCase:
+    """A medium to be checked: how a fresh one is made of radios, and which of its answers repeat to the byte."""
+
+    make: Callable[[Sequence[RadioSpec]], Medium]
+
+
+def check_medium(make: Callable[[Sequence[RadioSpec]], Medium], *, name: str | None = None) -> None:
+    """Check that the media which `make(radios)` returns keep every rule of `MEDIUM`.
+
+    Each call of `make` returns a fresh medium of these radios, all alike, over open ground. Raises
+    `NonConformance` at the first broken rule; `name` stands in it for the medium's class.
+    """
+    MEDIUM.check(f"medium {name or type(make(radios())).__name__}", MediumCase(make))
+
+
+def radios(far: bool = False) -> list[RadioSpec]:
+    """Six that move and one that stands; with `far` two more, 90 km off, before and after them by name."""
+    near = [RadioSpec(f"blue/b{k}", listening=_EARS) for k in range(6)]
+    near.append(RadioSpec("mast", (0.0, 0.0, 10.0), _EARS))
+    if far:
+        near += [RadioSpec(name, (9e4, 9e4, 10.0), _EARS) for name in ("aaa", "zzz")]
+    return near
+
+
+def requests() -> list[Request]:
+    """What the six send: all waveforms, at all phases, some at once."""
+    found: list[Request] = []
+    for second in range(2):
+        for k in range(6):
+            for waveform in Waveform:
+                at = second * NS_PER_S + 1 + k % 5 * 170 * NS_PER_MS + 3_331 * int(waveform)
+                size = 37 if waveform == Waveform.BLE_1M else 180
+                found.append((f"blue/b{k}", at, int(waveform), size, len(found)))
+    return found
+
+
+def live(
+    medium: Medium, asked: Sequence[Request], begin: Time = 0, until: Time = UNTIL_NS, cut: Time = TICK_NS,
+    call: Call = plainly,
+) -> list[OnAir]:  # fmt: skip
+    """Let a medium live from `begin` to `until`, in steps of `cut`."""
+    row = {radio.name: k for k, radio in enumerate(medium.radios)}
+    base = np.array([radio.place_enu_m or (0.0, 0.0, 0.0) for radio in medium.radios])
+    moving = np.array([radio.place_enu_m is None for radio in medium.radios])
+    number = np.array([int(radio.name[-1]) if radio.place_enu_m is None else 0 for radio in medium.radios])
+    answers = []
+    for now in range(begin + cut, until + 1, cut):
+        tick = (now - 1) // TICK_NS * TICK_NS
+        pos, vel = base.copy(), np.zeros_like(base)
+        pos[moving] = np.stack((60.0 * number, 20.0 + 8.0 * tick / NS_PER_S + 0.0 * number, 40.0 + number), 1)[moving]
+        vel[moving] = (0.0, 8.0, 0.0)
+        due = [request for request in asked if now - cut < request[1] <= now]
+        if due:
+            names, *columns = zip(*due, strict=True)
+            at, waveform, size, key = (np.array(column, dtype=np.int64) for column in columns)
+            radio = np.array([row[name] for name in names], dtype=np.int64)
+            free = np.full(len(due), ANY_CHANNEL, dtype=np.int64)
+            call(medium.offer, now, TxBatch(radio, at, waveform, free, np.full(len(due), np.nan), size, key))
+        answer = call(medium.advance, now, RadioTable(tick, pos, vel))
+        need(isinstance(answer, OnAir), f"advance({now}) answered {short(answer)}", "an OnAir")
+        answers.append(answer)
+    return answers
+
+
+def told(medium: Medium, answers: Sequence[OnAir]) -> tuple[list[Row], list[Row]]:
+    """Answers as rows that can be compared: sent, and heard, with radios by name."""
+    names = [radio.name for radio in medium.radios]
+    rows: tuple[list[Row], list[Row]] = ([], [])
+    for answer in answers:
+        for found, table in zip(rows, answer, strict=True):
+            for key, radio, *rest in zip(*(column.tolist() for column in table), strict=True):
+                found.append((key, names[radio], *rest))
+    return sorted(rows[0], key=repr), rows[1]
+
+
+@MEDIUM.rule("declares", "Has its radios sorted by name, each once, and a look-ahead of 0 ns or more.")
+def _declares(case: MediumCase) -> None:
+    medium = case.make(radios()[::-1])
+    names = [radio.name for radio in medium.radios]
+    need(names == sorted(radio.name for radio in radios()), f"radios are {names}", "those it was made of, by name")
+    need(medium.lookahead_ns >= 0, f"lookahead_ns is {medium.lookahead_ns}", "0 or more")
+    need(medium.losses.shape == (len(names), len(Outcome)), f"losses of {medium.losses.shape}", "(radios, outcomes)")
+
+
+@MEDIUM.rule("answers", "Tells of each step what happened in it: rows that are there, ends within it, in their order.")
+def _answers(case: MediumCase) -> None:
+    medium = case.make(radios())
+    begin = 0
+    for answer in live(medium, requests()):
+        end = begin + TICK_NS
+        sizes = {len(column) for column in answer.sent}, {len(column) for column in answer.heard}
+        need(all(len(size) == 1 for size in sizes), f"columns of {sizes} rows", "columns of one length")
+        for table in (answer.sent, answer.heard):
+            for ended in table.ended_ns.tolist():
+                need(begin < ended <= end, f"an end at {ended} in ({begin}, {end}]", "ends within the step")
+            need(bool((table.radio >= 0).all() and (table.radio < len(medium.radios)).all()), "no such row", "radios")
+        order = list(zip(*(answer.heard[k].tolist() for k in (3, 0, 1)), strict=True))
+        need(order == sorted(order), f"receptions in the order {short(order)}", "by end, key, receiver")
+        need(bool(np.isfinite(answer.heard.rssi_dbm).all()), "a strength that is no number", "dBm")
+        begin = end
+
+
+@MEDIUM.rule("tells", "Tells of every frame what became of it, within two seconds, and then is quiet.")
+def _tells(case: MediumCase) -> None:
+    medium = case.make(radios())
+    asked = {request[4]: request[1] for request in requests()}
+    seen: set[int] = set()
+    for answer in live(medium, requests(), until=UNTIL_NS + TOLD_NS):
+        for key, ended in zip(answer.sent.key.tolist(), answer.sent.ended_ns.tolist(), strict=True):
+            need(key in asked, f"told of {key}", "keys that were offered")
+            need(ended <= asked[key] + TOLD_NS, f"{key} ended {ended - asked[key]} ns after its time", "2 s at most")
+            seen.add(key)
+    need(seen == asked.keys(), f"said nothing of {short(sorted(asked.keys() - seen))}", "all frames accounted for")
+    need(medium.quiet, "is not quiet when all is over", "quiet")
+
+
+@MEDIUM.rule("hears", "Lets radios in sight of each other hear one another, and never themselves.")
+def _hears(case: MediumCase) -> None:
+    medium = case.make(radios())
+    senders = {request[4]: request[0] for request in requests()}
+    heard = [row for row in told(medium, live(medium, requests()))[1] if row[-1] == Outcome.DECODED]
+    need(len(heard) > 0, "nobody heard anything", "receptions")
+    for row in heard:
+        need(senders[row[0]] != row[1], f"{row[1]} heard itself", "receivers other than the sender")  # type: ignore[index]
+
+
+@MEDIUM.rule("cut", "Answers the same whether time is cut into 1 ms or 10 ms.")
+def _cut(case: MediumCase) -> None:
+    fine, coarse = case.make(radios()), case.make(radios())
+    expected = "answers that do not depend on how advance is cut"
+    a, b = told(fine, live(fine, requests(), cut=NS_PER_MS)), told(coarse, live(coarse, requests()))
+    same(a[1], b[1], "receptions in cuts of 1 and 10 ms differ", expected)
+    same(a[0], b[0], "transmissions in cuts of 1 and 10 ms differ", expected)
+
+
+@MEDIUM.rule("company", "Answers the same for radios whoever else there is, as long as they are out of reach.")
+def _company(case: MediumCase) -> None:
+    alone, company = case.make(radios()), case.make(radios(far=True))
+    a, b = told(alone, live(alone, requests())), told(company, live(company, requests()))
+    same(a[1], b[1], "two radios 90 km off change receptions", "chance by names, not by rows")
+    same(a[0], b[0], "two radios 90 km off change transmissions", "chance by names, not by rows")
+
+
+@MEDIUM.rule("repeatable", "Answers the same in two fresh instances.")
+def _repeatable(case: MediumCase) -> None:
+    first, second = (told(medium, live(medium, requests())) for medium in (case.make(radios()), case.make(radios())))
+    same(first[1], second[1], "two instances differ", "the same from the same inputs")
+
+
+@MEDIUM.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+def _pure(case: MediumCase) -> None:
+    live(case.make(radios()), requests())
+    live(case.make(radios()), requests(), call=watched)
+
+
+@MEDIUM.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+def _copies(case: MediumCase) -> None:
+    straight = case.make(radios())
+    middle = 1_010 * NS_PER_MS  # advertising events are under way
+    rest = told(straight, live(straight, requests())[middle // TICK_NS :])
+    trunk = case.make(radios())
+    live(trunk, requests(), until=middle)
+    branch = copied(trunk)
+    expected = "a copy that goes on alike, and an original that does not notice"
+    for medium in (branch, trunk):
+        later = told(medium, live(medium, requests(), begin=middle))
+        same(rest[1], later[1], "the straight run and a copy differ", expected)
+
+
+@MEDIUM.rule("refuses", "Refuses a frame that cannot be, whatever its numbers, and goes on.")
+def _refuses(case: MediumCase) -> None:
+    medium = case.make(radios())
+    sizes = (0, -5, 10**12, -(2**62))
+    wrong = [("blue/b0", 1 + k, int(Waveform.OFDM_6M), size, 1_000 + k) for k, size in enumerate(sizes)]
+    wrong += [("blue/b0", 9 + k, waveform, 180, 2_000 + k) for k, waveform in enumerate((-1, 4, 2**40))]
+    try:
+        answers = live(medium, [*wrong, *requests()])
+    except Broken:
+        raise
+    except Exception as error:
+        raise Broken(f"raised {error!r}", "frames that are REFUSED in `Sent`") from error
+    fates = {
+        key: fate for answer in answers for key, fate in zip(*(answer.sent[k].tolist() for k in (0, 5)), strict=True)
+    }
+    for _, _, waveform, size, key in wrong:
+        need(fates.get(key) == Fate.REFUSED, f"{size} bytes in waveform {waveform}: {fates.get(key)}", "REFUSED")
+    need(Fate.SENT in fates.values(), "nothing was sent any more", "the good frames sent")
