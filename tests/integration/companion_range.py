@@ -30,7 +30,7 @@ from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.avoidance.contract import Avoidance
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.companion import Companion, CompanionSpec
-from skyrange.vehicle.onboard import links, routes
+from skyrange.vehicle.onboard import air_links, links, routes
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world import Body, SensorSpec, World
 from skyrange.world.magnetism import field_at
@@ -188,7 +188,7 @@ def wired(
         chance,
     )  # fmt: skip
     oracle = Everybody(names, ghosts)
-    all_links = [link for name in names for link in links(name, "blue")]
+    all_links = [link for name in names for link in (*links(name, "blue"), *air_links(name))]
     all_links.append(LinkSpec("approval:blue", "blue.gcs", "approval", Channel("reliable", 25 * NS_PER_MS)))
     wiring = Wiring(
         seed=seed,

@@ -13,12 +13,12 @@ import pytest
 import shapely
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from skyrange.agent.plugins import AVOIDANCE
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
-from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.avoidance.conflicts import entry_s, in_the_way, towards
 from skyrange.vehicle.avoidance.contract import NO_TRACKS, Action, Limits, Own, Tracks
@@ -51,6 +51,7 @@ def test_the_moment_of_entering_by_hand() -> None:
     assert entry_s(10.0, 0.0, 0.0, 1.0, 0.0, 0.0, 20.0, 10.0) == math.inf
     assert entry_s(10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 20.0, 10.0) == math.inf
     assert entry_s(10.0, 0.0, 5.0, 0.0, 0.0, -1.0, 20.0, 10.0) == 0.0
+    assert entry_s(10.0, 0.0, 0.0, -0.4, 0.0, 0.0, 20.0, 10.0) == math.inf  # a formation, and noise
     assert entry_s(-100.0, 0.0, 0.0, -10.0, 0.0, 0.0, 20.0, 10.0) == math.inf  # behind, and falling back
 
 
@@ -187,7 +188,7 @@ def test_entering_and_leaving_have_different_thresholds() -> None:
 
 
 def test_it_returns_home_when_it_has_waited_long_enough() -> None:
-    avoidance = Stop(None, give_up_s=50.0, longest_s=70.0)
+    avoidance = Stop(None, Limits(give_up_s=50.0, longest_s=70.0))
     seen = tracks((60, 0, 30, 0, 0, 0))
     decision = avoidance.decide(0, OWN, seen, None)
     at = 0
@@ -206,12 +207,10 @@ def test_kinds_are_plugins_and_bad_parameters_are_named() -> None:
     for kind, value in offered.items():
         module, name = value.split(":")
         assert getattr(importlib.import_module(module), name).kind == kind
-    assert Geometric(None, protected_m=30).limits.protected_m == 30.0
-    with pytest.raises(InputError) as error:
-        Stop(None, protectd_m=30, look_ahead_s=-1, margin=0.5, least_m=True)
-    wrong = {fault.where: fault for fault in error.value.faults}
-    assert set(wrong) == {"protectd_m", "look_ahead_s", "margin", "least_m"}
-    assert "protected_m" in wrong["protectd_m"].hint
-    assert wrong["margin"].value == "0.5"
+    assert Geometric(None, Limits(protected_m=30)).limits.protected_m == 30.0
+    with pytest.raises(ValidationError) as error:
+        Limits.model_validate({"protectd_m": 30, "look_ahead_s": -1, "margin": 0.5, "least_m": True})
+    wrong = {fault["loc"][0] for fault in error.value.errors()}
+    assert wrong == {"protectd_m", "look_ahead_s", "margin", "least_m"}
     for name, field in Limits.model_fields.items():
         assert field.description, name

@@ -84,6 +84,14 @@ def test_unknown_values() -> None:
     assert ids(table, 1.0) == [b"ONE"]
 
 
+def test_who_stands_on_the_ground_can_be_left_out() -> None:
+    table = TrackTable(1, ORIGIN)
+    hear(table, 0.0, who("PARKED"), place(status=f3411.Status.GROUND))
+    hear(table, 0.0, who("FLYING"), place())
+    assert ids(table, 0.0) == [b"FLYING", b"PARKED"]
+    assert ids(table, 0.0, grounded=False) == [b"FLYING"]
+
+
 def test_one_track_per_identifier_and_address() -> None:
     table = TrackTable(1, ORIGIN)
     hear(table, 0.0, who("ONE"), place(0.0))

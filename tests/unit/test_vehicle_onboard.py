@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.vehicle.onboard import CHANNELS, for_remote_id, links, routes
+from skyrange.vehicle.onboard import CHANNELS, air_links, for_remote_id, links, routes
 
 
 def test_every_route_enters_and_leaves_by_links_of_its_endpoint() -> None:
@@ -22,8 +22,10 @@ def test_autopilot_and_ground_station_are_joined_both_ways() -> None:
 
 
 def test_links_follow_the_naming_and_defaults() -> None:
-    specs = {spec.name: spec for spec in links("blue/b1", "blue")}
+    specs = {spec.name: spec for spec in (*links("blue/b1", "blue"), *air_links("blue/b1"))}
     assert set(specs) == {f"{kind}:blue/b1" for kind in CHANNELS}
+    assert (specs["rid_up:blue/b1"].a, specs["rid_up:blue/b1"].b) == ("blue/b1.companion", "oracle")
+    assert (specs["rid_down:blue/b1"].a, specs["rid_down:blue/b1"].b) == ("oracle", "blue/b1.companion")
     assert (specs["gcs:blue/b1"].a, specs["gcs:blue/b1"].b) == ("blue.gcs", "blue/b1.companion")
     assert specs["gcs:blue/b1"].channel.latency_ns == 20_000_000
     assert specs["rid_data:blue/b1"].channel.mode == "reliable"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from tests.unit.avoidance_harness import Flyer, fly
 
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
-from skyrange.vehicle.avoidance.contract import Avoidance, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import Avoidance, Limits, Tracks, Vector
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.avoidance.orca import Orca
@@ -27,6 +28,7 @@ from skyrange.vehicle.avoidance.stop import Stop
 
 Z = 50.0
 HELD_M = 19.0
+NUMBER = re.compile(r"\d+\.\d")
 Way = tuple[Vector, Vector, float]
 ENCOUNTERS: dict[str, list[Way]] = {
     "head-on": [((-300, 0, Z), (300, 0, Z), 10.0), ((300, 0, Z), (-300, 0, Z), 10.0)],
@@ -81,7 +83,13 @@ def test_the_table_in_the_docs_is_what_is_measured(name: str) -> None:
     (row,) = [line for line in page.read_text().splitlines() if line.startswith(f"| {name} |")]
     cells = [cell.strip() for cell in row.split("|")[2:-1]]
     kinds = [NoAvoidance, Stop, Geometric] + ([Orca] if importlib.util.find_spec("pyrvo") else [])
-    assert cells[: len(kinds)] == [told(name, kind) for kind in kinds]
+    for cell, kind in zip(cells, kinds, strict=False):
+        now = told(name, kind)
+        assert NUMBER.sub("#", cell) == NUMBER.sub("#", now)
+        # another machine's sine may turn a decision by a step of 0.25 s, at 10 m/s
+        assert [float(n) for n in NUMBER.findall(cell)] == pytest.approx(
+            [float(n) for n in NUMBER.findall(now)], abs=2.5
+        )
 
 
 @pytest.mark.parametrize("phases", PHASES)
@@ -151,7 +159,7 @@ def test_it_flies_around_a_ghost_in_the_open_by_a_little_on_the_right() -> None:
 def test_where_there_is_no_way_it_holds_then_squeezes_by_then_goes_home() -> None:
     # a court with one gate, too narrow for the protected radius; then also for the least one
     wide = town((-30, 14, 30, 3000), (-30, -3000, 30, -14))
-    green = Flyer((-150, 0, 30), (150, 0, 30), Geometric(wide, least_m=6.0))
+    green = Flyer((-150, 0, 30), (150, 0, 30), Geometric(wide, Limits(least_m=6.0)))
     fly([green], 400, ghosts((0, -6, 30)), city=wide)
     assert "stop" in [name for _, name in green.log]
     assert green.arrived_s is not None

@@ -211,13 +211,18 @@ class TrackTable:
         held: NDArray[np.bool_] = (heard >= 0) & (now - heard <= self.stale_ns)
         return held
 
-    def seen(self, receiver: int, now: Time, odd: bool = False) -> Seen:
-        """The tracks whose place is known; with `odd`, also those that said something impossible."""
+    def seen(self, receiver: int, now: Time, odd: bool = False, grounded: bool = True) -> Seen:
+        """The tracks whose place is known; with `odd`, also those that said something impossible.
+
+        Without `grounded` only those that do not say that they stand on the ground.
+        """
         rows = self.rows[receiver]
         good = self.live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
         good &= ~np.isnan(rows["east"])
         if not odd:
             good &= rows["odd"] == 0
+        if not grounded:
+            good &= rows["status"] != Status.GROUND
         slot = np.flatnonzero(good)
         rows = rows[slot]
         age_s = np.maximum(now - rows["located_ns"], 0) / NS_PER_S

@@ -2,7 +2,7 @@
 
 Both fly straight on. In the plane |r + v·t| < R is a quadratic in t, upwards |z + w·t| < H is linear; a conflict is
 where both hold (a cylinder as in the well-clear volumes of RTCA DO-365 and NASA's DAIDALUS, by distance alone). Who
-is inside already and getting farther is no conflict: to go on is the way out.
+is inside already and not closing in is no conflict: to go on is the way out, and a formation is its own business.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from skyrange.core.compiled import kernel
 from skyrange.vehicle.avoidance.contract import Limits, Tracks, Vector
 
-NO_ENTRY = math.inf
+_CLOSING_MPS = 0.5
+"""Slower than that is no approach but noise: velocities are broadcast in steps of 0.25 m/s."""
 
 
 @kernel
@@ -47,7 +48,9 @@ def entry_s(
     if enters >= min(end, up_end):
         return math.inf
     if enters <= 0.0:  # inside: only what still closes in is a conflict
-        return 0.0 if b < 0.0 or (a <= 1e-12 and rz * vz < 0.0) else math.inf
+        apart = math.sqrt(rx * rx + ry * ry)
+        nearing = b <= -_CLOSING_MPS * apart and b < 0.0
+        return 0.0 if nearing or (a <= 1e-12 and rz * vz < 0.0 and abs(vz) >= _CLOSING_MPS) else math.inf
     return enters
 
 

@@ -1,22 +1,21 @@
 """What is asked of an avoidance, and what does it answer? Own state, tracks and what goes on → a decision.
 
 An avoidance is a plain object: `decide` is a pure function, and what must outlive a call (an `Episode`) is handed in
-and handed back. Kinds are plugins of `skyrange.avoidance`, made by `factory(city, **settings)`: the city, or None for
-open country, and fields of `Limits`.
+and handed back. Kinds are plugins of `skyrange.avoidance`, made by `factory(city, limits)`: the city, or None for open
+country, and a `Limits`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from skyrange.agent.settings import Number, Params
-from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.time import NEVER, Time
 
 Floats = NDArray[np.float64]
@@ -90,19 +89,6 @@ class Limits(Params):
         default=200.0, ge=20, le=2000, description="Metres around within which a way past others is looked for."
     )
     arrive_m: Number = Field(default=3.0, gt=0, le=50, description="Metres within which a waypoint counts as reached.")
-
-
-def limits_of(kind: str, settings: dict[str, Any]) -> Limits:
-    """`Limits` with some of its fields set; `InputError` with all that is wrong."""
-    try:
-        return Limits(**settings)
-    except ValidationError as error:
-        faults = []
-        for wrong in error.errors():
-            where = ".".join(map(str, wrong["loc"]))
-            hint = nearest(where, Limits.model_fields) if wrong["type"] == "extra_forbidden" else ""
-            faults.append(Fault(where, repr(wrong["input"]), wrong["msg"], hint))
-        raise InputError(f"avoidance {kind}", faults) from None
 
 
 class Own(NamedTuple):

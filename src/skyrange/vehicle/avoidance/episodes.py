@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import replace
-from typing import Any
 
 from skyrange.city.city import City
 from skyrange.core.time import Time, from_seconds
 from skyrange.vehicle.avoidance.conflicts import in_the_way, towards
-from skyrange.vehicle.avoidance.contract import KEEP, Action, Decision, Episode, Own, Tracks, Vector, limits_of
+from skyrange.vehicle.avoidance.contract import KEEP, Action, Decision, Episode, Limits, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.walls import straight, walls_of
 
 
@@ -24,9 +23,9 @@ class Episodic(ABC):
 
     kind = ""
 
-    def __init__(self, city: City | None = None, **settings: Any) -> None:
-        """`settings` are fields of `Limits`. Raises `InputError`."""
-        self.limits = limits_of(self.kind, settings)
+    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
+        """Without a city the country is open."""
+        self.limits = limits or Limits()
         self.walls = walls_of(city)
 
     @abstractmethod

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from skyrange.city.city import City
 from skyrange.core.time import Time
-from skyrange.vehicle.avoidance.contract import KEEP, Decision, Episode, Own, Tracks, limits_of
+from skyrange.vehicle.avoidance.contract import KEEP, Decision, Episode, Limits, Own, Tracks
 
 
 class NoAvoidance:
@@ -14,9 +12,9 @@ class NoAvoidance:
 
     kind = "none"
 
-    def __init__(self, city: City | None = None, **settings: Any) -> None:
-        """Takes what the others take. Raises `InputError`."""
-        self.limits = limits_of(self.kind, settings)
+    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
+        """Takes what the others take."""
+        self.limits = limits or Limits()
 
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
         """KEEP, always."""

@@ -16,7 +16,7 @@ from skyrange.city.city import City
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import Time
 from skyrange.vehicle.avoidance.conflicts import towards
-from skyrange.vehicle.avoidance.contract import Episode, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import Episode, Limits, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.episodes import Episodic
 from skyrange.vehicle.avoidance.walls import nearby, straight
 
@@ -33,9 +33,9 @@ class Orca(Episodic):
 
     kind = "orca"
 
-    def __init__(self, city: City | None = None, **settings: Any) -> None:
-        """Raises `InputError`, and `ComponentError` where pyrvo is not installed."""
-        super().__init__(city, **settings)
+    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
+        """Raises `ComponentError` where pyrvo is not installed."""
+        super().__init__(city, limits)
         _library()
 
     def way(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:

@@ -29,7 +29,7 @@ def on_arm_status(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, 
     fleet.watch["rid_status"][craft.row] = message.status
     error = message.error
     text = error if isinstance(error, str) else bytes(error).split(b"\0")[0].decode("ascii", "replace")
-    craft.rid_error = "".join(letter if letter.isprintable() else "?" for letter in text)
+    craft.rid_error = "".join(letter if " " <= letter <= "~" else "?" for letter in text)
 
 
 def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.bool_], str | Callable[[Craft], str]]]:

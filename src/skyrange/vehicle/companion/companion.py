@@ -201,7 +201,7 @@ class Companion:
     def _decide(self, now: Time, row: int, guard: Guard, own: Own, out: Outbox) -> None:
         avoidance = self.specs[row].avoidance
         assert avoidance is not None
-        seen = self.tracks.seen(row, now)
+        seen = self.tracks.seen(row, now, grounded=False)
         decision = avoidance.decide(now, own, Tracks(seen.pos_enu_m, seen.vel_enu_mps), guard.episode)
         order = guard.follow(now, decision, own.goal_enu_m)
         if order is not None:

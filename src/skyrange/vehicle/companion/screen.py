@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.codec.f3411 import Status
 from skyrange.core.compiled import kernel
 from skyrange.core.time import Time
 from skyrange.remoteid.tracks import TrackTable
 from skyrange.vehicle.avoidance.conflicts import entry_s
+
+_GROUND = int(Status.GROUND)
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +31,7 @@ def _screen(
             row = rows[r, k]
             if row.heard_ns < 0 or row.odd != 0 or row.located_ns < 0 or now - row.located_ns > stale_ns:
                 continue
-            if math.isnan(row.east):
+            if math.isnan(row.east) or row.status == _GROUND:
                 continue
             age = max(now - row.located_ns, 0) / 1e9
             ve, vn, vu = row.ve, row.vn, row.vu
@@ -48,7 +51,7 @@ def _screen(
 def conflicts(
     tracks: TrackTable, now: Time, places: Floats, velocities: Floats, limits: Floats, asks: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """(n,) who of those that ask is on a conflict course with anybody it hears, as `avoidance.conflicts` has it.
+    """(n,) who of those that ask is on a conflict course with anybody in the air, as `avoidance.conflicts` has it.
 
     `places` and `velocities` (n, 3) in the local frame; `limits` (n, 3): protected radius and half height in m, and
     look-ahead in s.
