@@ -95,11 +95,17 @@ _SECTIONS = (
     ("Wind", "`[wind]`"),
     ("Sensors", "`[sensors]`"),
     ("Record", "`[record]`"),
+    ("Radio", "`[radio]`"),
+    ("Receiver", "`[[radio.receivers]]`"),
     ("Link", "`[[links]]`"),
+    ("AttackTable", "`[[attacks]]`"),
+    ("When", "`when` of an attack"),
     ("Operator", "`[[operators]]`"),
     ("Vehicle", "`[[operators.vehicles]]`"),
     ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),
+    ("RemoteId", "`remote_id`"),
+    ("Avoidance", "`avoidance`"),
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),
     ("Path", "`plan.path`"),
@@ -112,18 +118,43 @@ def scenario() -> str:
 
     schema = described.json_schema()
     models = {"Scenario": schema, **schema["$defs"]}
+    for _, kind in _attack_kinds():  # their parameters have a page of their own
+        del models[kind.params.__name__]
     missing = set(models) - {name for name, _ in _SECTIONS}
     assert not missing, f"give {missing} a section"
     parts = []
     for name, where in _SECTIONS:
-        model, fields = models[name], getattr(described, name).model_fields
-        required = set(model.get("required", ()))
-        rows = [
-            (f"`{key}`", _kind(value), _range(fields[key]), _filled(key, value, required), value.get("description", ""))
-            for key, value in model["properties"].items()
-        ]
+        model = models[name]
         parts.append(f"### {where}\n\n{(model.get('description') or '').strip()}\n")
-        parts.append(table(("key", "type", "range", "default", "meaning"), rows))
+        parts.append(_keys(model, getattr(described, name).model_fields))
+    return "\n".join(parts)
+
+
+def _keys(model: Mapping[str, Any], fields: Mapping[str, Any]) -> str:
+    """The keys of one model as a table."""
+    required = set(model.get("required", ()))
+    rows = [
+        (f"`{key}`", _kind(value), _range(fields[key]), _filled(key, value, required), value.get("description", ""))
+        for key, value in model["properties"].items()
+    ]
+    return table(("key", "type", "range", "default", "meaning"), rows)
+
+
+def _attack_kinds() -> list[tuple[str, Any]]:
+    """Every kind of attack that this project ships, by name."""
+    from skyrange.agent.plugins import ATTACKS, kinds
+    from skyrange.scenario.attacks import kind_of
+
+    return [(name, kind_of(name)) for name in kinds(ATTACKS) if kind_of(name).make.__module__.startswith("skyrange.")]
+
+
+def attacks() -> str:
+    """Every kind of attack with its parameters."""
+    parts = []
+    for name, kind in _attack_kinds():
+        technique = f"MITRE ATT&CK for ICS: {kind.technique}."
+        parts.append(f"### `{name}`\n\n{kind.about} {technique}\n")
+        parts.append(_keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
 
 
@@ -185,11 +216,24 @@ def _filled(key: str, value: Mapping[str, Any], required: set[str]) -> str:
 
 def tables() -> str:
     """Every table and column of a run's folder."""
-    from skyrange.record.schema import TABLES, arrow_schema
+    from skyrange.record.schema import TABLES
+
+    return _tables(TABLES)
+
+
+def pair_tables() -> str:
+    """The tables of a pair's folder."""
+    from skyrange.study import effects, tracing
+
+    return _tables({"effects.parquet": effects.COLUMNS, "labels.parquet": tracing.COLUMNS})
+
+
+def _tables(tables: Mapping[str, Sequence[Any]]) -> str:
+    from skyrange.record.schema import arrow_schema
 
     parts = []
-    for name, columns in TABLES.items():
-        types = [str(field.type).replace("item: ", "") for field in arrow_schema(name)]
+    for name, columns in tables.items():
+        types = [str(field.type).replace("item: ", "") for field in arrow_schema(name, columns)]
         rows = [
             (f"`{column.name}`", f"{kind}, nullable" if column.nullable else kind, column.unit, column.meaning)
             for column, kind in zip(columns, types, strict=True)
@@ -201,21 +245,25 @@ def tables() -> str:
 def links() -> str:
     """Every kind of link of a run, with its ends and default channel, as it is wired."""
     from skyrange.core.ids import APPROVAL, endpoint
-    from skyrange.scenario.links import OPERATOR_LINKS, VEHICLE_LINKS
+    from skyrange.scenario.links import AIR_LINKS, OPERATOR_LINKS, VEHICLE_LINKS
+    from skyrange.scenario.medium import ORACLE_CHANNEL
     from skyrange.scenario.wire import APPROVAL_CHANNEL
+    from skyrange.vehicle.onboard import air_links
     from skyrange.vehicle.onboard import links as vehicle_links
 
-    specs = {spec.name.split(":")[0]: spec for spec in vehicle_links("blue/b1", "blue")}
-    assert set(specs) == set(VEHICLE_LINKS)
+    specs = {spec.name.split(":")[0]: spec for spec in (*vehicle_links("blue/b1", "blue"), *air_links("blue/b1"))}
+    kinds = (*VEHICLE_LINKS, *AIR_LINKS)
+    assert set(specs) == set(kinds)
     assert OPERATOR_LINKS == (APPROVAL,)
     rows = [
         (f"`{spec.name}`", f"`{spec.a}`", f"`{spec.b}`", spec.channel.mode, _ms(spec.channel.latency_ns))
-        for spec in (specs[kind] for kind in VEHICLE_LINKS)
+        for spec in (specs[kind] for kind in kinds)
     ]
     station = endpoint("blue", "gcs")
     rows.append(
         (f"`{APPROVAL}:blue`", f"`{station}`", f"`{APPROVAL}`", APPROVAL_CHANNEL.mode, _ms(APPROVAL_CHANNEL.latency_ns))
     )
+    rows.append(("`oracle:blue`", f"`{station}`", "`oracle`", ORACLE_CHANNEL.mode, _ms(ORACLE_CHANNEL.latency_ns)))
     return table(("instance, for example", "first end", "second end", "mode", "latency"), rows)
 
 
@@ -357,10 +405,20 @@ def part89() -> str:
     return table(("14 CFR", "element", "carried by"), [(e.clause, e.what, e.fields) for e in (*STANDARD, *MODULE)])
 
 
+def avoidance() -> str:
+    """The parameters of every kind of avoidance."""
+    from skyrange.vehicle.avoidance.contract import Limits
+
+    rows = [(f"`{name}`", f"{field.default:g}", field.description) for name, field in Limits.model_fields.items()]
+    return table(("parameter", "default", "meaning"), rows)
+
+
 GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
+    "attacks": attacks,
     "tables": tables,
+    "pair-tables": pair_tables,
     "links": links,
     "routes": routes,
     "modes": modes,
@@ -373,6 +431,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "tuning": tuning,
     "airframes": airframes,
     "part89": part89,
+    "avoidance": avoidance,
 }
 
 

@@ -13,16 +13,18 @@ if TYPE_CHECKING:
     from skyrange.core.errors import SkyrangeError
     from skyrange.record import load
     from skyrange.scenario.schema import Scenario
+    from skyrange.study.pairing import pair
     from skyrange.study.session import run
 
 __version__ = "0.1.0"
 
-__all__ = ["Scenario", "SkyrangeError", "__version__", "load", "register", "run"]
+__all__ = ["Scenario", "SkyrangeError", "__version__", "load", "pair", "register", "run"]
 
 _HOMES = {
     "Scenario": "skyrange.scenario.schema",
     "SkyrangeError": "skyrange.core.errors",
     "load": "skyrange.record",
+    "pair": "skyrange.study.pairing",
     "register": "skyrange.agent.plugins",
     "run": "skyrange.study.session",
 }

@@ -202,7 +202,7 @@ def test_examples_run(
         elif block.words[1:2] == ("file",):
             (tmp_path / block.words[2]).write_text(block.text, encoding="utf-8")
         elif block.words == ("python", "run"):
-            exec(compile("\n" * block.line + block.text, where, "exec"), names)
+            exec(compile("\n" * block.line + block.text, where, "exec", dont_inherit=True), names)
         elif block.words == ("console", "run"):
             for arguments in console_lines(block):
                 _command_line(arguments, where)

@@ -182,6 +182,35 @@ class OnAir(NamedTuple):
     """All that was decoded; the rest too, where the medium was asked for every pair."""
 
 
+class ReceptionRows(NamedTuple):
+    """Receptions, row by row: what became of a frame at a receiver that was in reach of it."""
+
+    time_ns: Ints
+    """End of the reception."""
+    number: Ints
+    """Which of `Receptions.names` the frame has, and its serial there."""
+    serial: Ints
+    radio: Ints
+    """Which of `Receptions.radios` received it."""
+    place_enu_m: Floats
+    """(n, 3), where that one was."""
+    transport: Ints
+    channel: Ints
+    rssi_dbm: Floats
+    snir_db: Floats
+    outcome: Ints
+    """`Outcome`"""
+
+
+class Receptions(NamedTuple):
+    """What an owner of a medium tells the record."""
+
+    names: Sequence[tuple[str, str, str]]
+    """(link, direction, sender) of frames that were sent through the air."""
+    radios: Sequence[str]
+    rows: ReceptionRows
+
+
 class Medium(Protocol):
     """Who hears whom. State is deep-copyable.
 

@@ -46,6 +46,24 @@ class Agent(Protocol):
         ...
 
 
+class Speaker(Agent, Protocol):
+    """An agent that also sends on links where its endpoint forwards, and hears nothing there."""
+
+    speaks: Sequence[Port]
+    """Those ends. What it sends there has `core.ids.own_voice` of the endpoint as its true sender."""
+
+
+class Watcher(Agent, Protocol):
+    """An agent that is told where everything truly is, as what carries radio waves must be; no other may be one."""
+
+    look_ns: Time
+    """The kernel has it look at every multiple of this: whole ticks of the world."""
+
+    def look(self, now: Time, world: World) -> None:
+        """See the world as it is after its tick at `now`; nothing of it may be kept but copies, or altered."""
+        ...
+
+
 class Tap(Protocol):
     """Stands on one side of one link, sees frames of both directions, judges each."""
 
@@ -131,6 +149,22 @@ class SensorFault(Protocol):
         ...
 
 
+class Trigger(Protocol):
+    """A condition on truth that starts an attack. The kernel asks it at world ticks; of the attack's parts none does.
+
+    Deep-copyable and pure: the answer depends on what it was handed alone.
+    """
+
+    @property
+    def vehicles(self) -> Sequence[str]:
+        """The vehicles that it speaks of."""
+        ...
+
+    def holds(self, now: Time, truth: Mapping[str, NDArray[np.float64]], rows: Sequence[int]) -> bool:
+        """Whether it holds; `truth` are the world's columns, `rows` where its `vehicles` stand in them, in order."""
+        ...
+
+
 class InstanceStatus(StrEnum):
     """How one instance of an engine is."""
 
@@ -193,7 +227,7 @@ class World(Protocol):
         ...
 
     def motion(self) -> tuple[Floats, Floats]:
-        """Position and velocity, (n, 3) each, ENU metres and m/s: read-only views that later ticks refill."""
+        """Position and velocity, (n, 3) each, in vehicle order: read-only views that later ticks refill."""
         ...
 
     def truth(self) -> Mapping[str, NDArray[np.float64]]:

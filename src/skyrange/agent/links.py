@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from skyrange.agent.contracts import Agent, SensorFault, Tap
+from skyrange.agent.contracts import Agent, SensorFault, Tap, Trigger
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
 MIN_LATENCY_NS = NS_PER_US
@@ -88,12 +88,26 @@ class TapPlacement:
     attack: str | None = None
 
 
+@dataclass(slots=True)
+class Schedule:
+    """From when until when an attack acts, as the attack's own agents, taps and faults may read it during the run.
+
+    Only the kernel writes here: `start_ns` is `NEVER` until a trigger has fired. Whether the attack is muted it does
+    not say.
+    """
+
+    start_ns: Time = NEVER
+    stop_ns: Time = NEVER
+
+
 @dataclass(frozen=True, slots=True)
 class AttackPlan:
     """When an attack's hostile output counts, and the agents and sensor faults it owns.
 
-    Muted, its agents, taps and faults are all there and run, but every verdict becomes Pass, everything
-    they send is discarded, and faults work on copies: that is the nominal twin.
+    It acts from `start_ns` until `stop_ns`, and no longer than `lasts_ns`. With a `trigger` it starts at the first
+    world tick from `start_ns` on at which that holds, and once only. Muted, its agents, taps and faults are all there
+    and run, but every verdict becomes Pass, everything they send is discarded, and faults work on copies: that is the
+    nominal twin.
     """
 
     id: str
@@ -102,3 +116,7 @@ class AttackPlan:
     muted: bool = False
     agents: Sequence[Agent] = ()
     faults: Sequence[SensorFault] = ()
+    trigger: Trigger | None = None
+    lasts_ns: Time = NEVER
+    schedule: Schedule | None = None
+    """Where the kernel tells the attack's own parts when it acts; `None` where none of them asks."""

@@ -54,11 +54,25 @@ class Note(NamedTuple):
     causes: tuple[FrameId, ...] = ()
 
 
+class Parents(NamedTuple):
+    """Of which frame each frame of a block is made: frame `serials[i]` of name `names[numbers[i]]`."""
+
+    names: Sequence[tuple[str, str, str]]
+    """(link, direction, sender), as `FrameId` has them first."""
+    numbers: Ints
+    serials: Ints
+
+    def id(self, row: int) -> FrameId:
+        """The parent of one row."""
+        return FrameId(*self.names[self.numbers.item(row)], self.serials.item(row))
+
+
 class Block(NamedTuple):
     """Many frames to send, none commanded by another: row `i` leaves from the agent's `ports[places[i]]`."""
 
     places: Ints
     payloads: Payloads
+    parents: Parents | None = None
 
 
 class Columns(NamedTuple):
@@ -82,6 +96,16 @@ class Inbox(Sequence[Arrival]):
 
     def __len__(self) -> int:
         return self._count
+
+    @property
+    def singles(self) -> Sequence[Arrival]:
+        """What came frame by frame: numbers 0… of `Columns.order`."""
+        return self._singles
+
+    @property
+    def blocks(self) -> Sequence[FrameBlock]:
+        """What came in blocks: the numbers behind the singles, row by row."""
+        return self._blocks
 
     @overload
     def __getitem__(self, index: int) -> Arrival: ...
@@ -177,14 +201,17 @@ class Outbox:
         """Send `payload` from `port`."""
         self.departures.append(Departure(port, payload, causes))
 
-    def send_block(self, places: Ints, payloads: Payloads) -> None:
-        """Send `payloads[i]` from the agent's `ports[places[i]]`, all of them, after what is sent singly."""
-        self.blocks.append(Block(places, payloads))
+    def send_block(self, places: Ints, payloads: Payloads, parents: Parents | None = None) -> None:
+        """Send `payloads[i]` from the agent's `ports[places[i]]`, all of them, after what is sent singly.
+
+        `parents` names the frames of which these are made: what an agent alters or passes on.
+        """
+        self.blocks.append(Block(places, payloads, parents))
 
     def each(self, ports: Sequence[Port]) -> Iterator[Departure]:
         """Everything sent, frame by frame; `ports` are the agent's."""
         yield from self.departures
-        for places, payloads in self.blocks:
+        for places, payloads, _ in self.blocks:
             for place, payload in zip(places.tolist(), payloads, strict=True):
                 yield Departure(ports[place], payload)
 

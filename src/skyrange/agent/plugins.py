@@ -16,8 +16,10 @@ from typing import Any
 from skyrange.core.errors import ComponentError, InputError, nearest
 
 APPROVALS = "skyrange.approvals"
+ATTACKS = "skyrange.attacks"
 AUTOPILOTS = "skyrange.autopilots"
-GROUPS = (APPROVALS, AUTOPILOTS)
+AVOIDANCE = "skyrange.avoidance"
+GROUPS = (APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE)
 
 KIND_PATTERN = re.compile(r"[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*(?:\.[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*)*")
 """Lower-case words joined by `-` or `_`, in parts joined by dots."""

@@ -94,6 +94,45 @@ def run(
     commands.run(scenario, out, seed, speed, buildings, changes or [], as_json)
 
 
+@app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")
+def pair(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME|FILE",
+            help="A shipped scenario's name or a TOML file, with at least one attack that acts.",
+            autocompletion=_complete_scenario,
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="The pair's folder, empty or new. Default: runs/NAME-pair, then -2 …"),
+    ] = None,
+    sham: Annotated[
+        bool, typer.Option("--sham", help="A third arm: the attacks send as much, and it is all benign.")
+    ] = False,
+    seeds: Annotated[
+        int, typer.Option(metavar="K", min=1, help="Repeat with K seeds; effects get means and 95 % intervals.")
+    ] = 1,
+    jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Runs that fly at once, a process each.")] = 2,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed, over the scenario's.")] = None,
+    buildings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly a scenario with its attacks and with all of them muted, and compare: what did the attack do?"""
+    commands.pair(scenario, out, sham, seeds, jobs, seed, buildings, changes or [], as_json)
+
+
 @app.command(epilog="Example: skyrange show runs/squares")
 def show(run: RunFolder, as_json: AsJson = False) -> None:
     """Say what a run was and how it went; works on killed and unfinished runs too."""

@@ -13,6 +13,8 @@ from skyrange.core.errors import InputError, ShortfallError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from skyrange.study.pairing import Pair
+
 
 def _print_json(data: Any) -> None:
     unicode = "utf" in (sys.stdout.encoding or "").lower()
@@ -59,6 +61,90 @@ def run(
         _print_summary(facts)
     if shortfall is not None:
         raise shortfall
+
+
+def pair(
+    name: str,
+    out: Path | None,
+    sham: bool,
+    seeds: int,
+    jobs: int,
+    seed: int | None,
+    buildings: Path | None,
+    changes: Sequence[str],
+    as_json: bool,
+) -> None:
+    """`skyrange pair`."""
+    from skyrange.cli.progress import together
+    from skyrange.core.compiled import compiled_before
+    from skyrange.scenario.catalogue import load
+    from skyrange.study.pairing import ARMS
+    from skyrange.study.pairing import pair as fly_pair
+
+    scenario = load(name, changes, seed=seed, buildings=buildings)
+    if not as_json and not compiled_before():
+        print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
+    flights = seeds * (len(ARMS) if sham else len(ARMS) - 1)
+    with together(scenario.name, flights, quiet=as_json) as on_progress:
+        made = fly_pair(scenario, out, sham=sham, seeds=seeds, jobs=jobs, on_progress=on_progress)
+    if as_json:
+        effects = made.effects.to_pylist()
+        found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in made.intervals().items()}
+        folder = {"path": str(made.path), "report": str(made.report)}
+        _print_json({**made.manifest, **folder, "effects": effects, "intervals": found})
+    else:
+        _print_pair(made)
+
+
+def _print_pair(made: Pair) -> None:
+    """The aircraft that departed from the twin, or that none did."""
+    from rich.table import Table
+
+    console = _console()
+    rows = [row for row in made.effects.to_pylist() if row["against"] == made.reference]
+    own = [row for row in rows if row["seed"] == made.seeds[0] and row["departed_s"] is not None]
+    table = Table(
+        title=f"{made.manifest['name']}: attacked against {made.reference}, seed {made.seeds[0]}",
+        title_justify="left", title_style="bold",
+    )  # fmt: skip
+    for column in ("aircraft", "mission", "departs", "by", "delay", "distance", "energy", "near", "hits"):
+        left = column in ("aircraft", "mission")
+        table.add_column(column, justify="left" if left else "right", no_wrap=column == "aircraft")
+    for row in sorted(own, key=lambda row: -row["departure_m"])[:MOST_AIRCRAFT]:
+        table.add_row(
+            row["vehicle"],
+            " → ".join(dict.fromkeys((row["outcome_twin"], row["outcome"]))),
+            f"{row['departed_s']:.1f} s",
+            f"{row['departure_m']:.1f} m",
+            "–" if row["delay_s"] is None else f"{row['delay_s']:+.1f} s",
+            f"{row['extra_distance_m']:+.1f} m",
+            "–" if row["extra_energy_j"] is None else f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
+            f"{row['near_misses_twin']} → {row['near_misses']}",
+            f"{row['collisions_twin']} → {row['collisions']}",
+        )
+    if own:
+        console.print(table)
+    else:
+        console.print(f"no aircraft came farther than {made.manifest['threshold_m']:g} m from where it is in the twin")
+    if len(made.seeds) > 1:
+        _print_intervals(console, made, {row["vehicle"] for row in rows if row["departed_s"] is not None})
+    acts = sum(row["phase"] in ("onset", "act") for row in made.labels.to_pylist())
+    console.print(f"{acts:,} hostile acts labelled in {len(made.seeds)} attacked run{'s' * (len(made.seeds) > 1)}")
+    console.print(f"pair   {made.path}", soft_wrap=True, markup=False)
+    console.print(f"report {made.report}", soft_wrap=True, markup=False)
+
+
+def _print_intervals(console: Console, made: Pair, affected: set[str]) -> None:
+    """Means over seeds with their 95 % intervals."""
+    for vehicle, own in made.intervals().items():
+        if vehicle not in affected:
+            continue
+        said = [
+            f"{key} {one.mean:+.2f} [{one.low:+.2f}, {one.high:+.2f}]"
+            for key, one in own.items()
+            if one.low is not None and one.high is not None
+        ]
+        console.print(f"{vehicle}, mean of {len(made.seeds)} seeds, 95 %: {'; '.join(said)}", markup=False)
 
 
 def show(folder: Path, as_json: bool) -> None:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from skyrange.core.time import Time, to_seconds
 
 OnProgress = Callable[[Time, Time], None]
+OnShare = Callable[[int, Time, Time], None]
 
 
 @contextmanager
@@ -38,5 +39,21 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
             if reached > tenth:
                 tenth = reached
                 print(f"{name}: {to_seconds(now):.0f} of {to_seconds(end):.0f} s", file=sys.stderr, flush=True)
+
+        yield tell
+
+
+@contextmanager
+def together(name: str, flights: int, *, quiet: bool) -> Iterator[OnShare | None]:
+    """The same for several flights at once: one bar, or line, for all of them."""
+    with progress(f"{name}, {flights} runs", quiet=quiet) as show:
+        if show is None:
+            yield None
+            return
+        reached = [0] * flights
+
+        def tell(number: int, now: Time, end: Time) -> None:
+            reached[number] = max(reached[number], now)
+            show(sum(reached), end * flights)
 
         yield tell

@@ -58,6 +58,14 @@ def endpoint(owner: str, role: str) -> str:
     return f"{owner}.{role}"
 
 
+def own_voice(endpoint_name: str) -> str:
+    """The sender of what an endpoint says on a link on which it otherwise forwards: `blue/b1.companion.own`.
+
+    It has serials of its own, so what is forwarded there is numbered as if the endpoint had said nothing.
+    """
+    return endpoint(endpoint_name, "own")
+
+
 def owner_of(endpoint_name: str) -> str:
     """The vehicle or operator that an endpoint belongs to."""
     return endpoint_name.rsplit(".", 1)[0]

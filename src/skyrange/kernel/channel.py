@@ -43,11 +43,7 @@ class ChannelState:
         only when the fate is DELIVERED.
         """
         if self.steady:
-            arrival = now + self._latency_ns
-            if arrival < self._last_arrival:
-                arrival = self._last_arrival
-            self._last_arrival = arrival
-            return Fate.DELIVERED, arrival, None
+            return Fate.DELIVERED, now + self._latency_ns, None
         spec = self.spec
         ready = now
         if spec.rate_bps > 0.0:

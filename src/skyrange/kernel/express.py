@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.blocks import FrameBlock, LaneName, Lanes
 from skyrange.agent.frames import Fate
+from skyrange.agent.messages import Parents
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.core.compiled import kernel
 from skyrange.core.ids import Port
@@ -91,10 +92,25 @@ class Express:
             self.way[lane.number] = known[shape]
             _enter(self._stops[known[shape]], lane.number, lane)
 
-    def fly(self, now: Time, way: int, lanes: Ints, payloads: Payloads, counters: Ints) -> list[Landing]:
+    def lanes_of(self, parents: Parents) -> Ints:
+        """(n,) the lane's number of each parent, -1 where no lane's own source sent it."""
+        known = [self.lanes.numbers.get(name, -1) for name in parents.names]
+        return np.array(known, dtype=np.int64)[parents.numbers]
+
+    def fly(
+        self,
+        now: Time,
+        way: int,
+        lanes: Ints,
+        payloads: Payloads,
+        parent_lane: Ints | None,
+        parent_serial: Ints | None,
+        counters: Ints,
+    ) -> list[Landing]:
         """Send `payloads` from `lanes` (numbers, all of one express): where and when all of it comes out."""
         landings: list[Landing] = []
-        _follow(self._stops[way], self.lanes, now, lanes, payloads, None, None, None, [], counters, landings)
+        stop = self._stops[way]
+        _follow(stop, self.lanes, now, lanes, payloads, None, parent_lane, parent_serial, [], counters, landings)
         return landings
 
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.contracts import SensorAct, SensorFault, Sensors, World
-from skyrange.agent.links import AttackPlan
 from skyrange.agent.verdicts import Label
 from skyrange.core.errors import ComponentError, Fault, InputError, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
+from skyrange.kernel.stages import Stage
 from skyrange.kernel.traffic import acts, blamed
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
@@ -28,9 +28,9 @@ Rows = slice | NDArray[np.int64]
 class FaultBench:
     """The sensor faults of all attacks of one kernel."""
 
-    def __init__(self, attacks: Sequence[AttackPlan], world: World | None) -> None:
+    def __init__(self, attacks: Sequence[Stage], world: World | None) -> None:
         """Raises `InputError` for a vehicle that the world does not have, or a name used twice."""
-        owned = [(attack, fault) for attack in attacks for fault in attack.faults]
+        owned = [(attack, fault) for attack in attacks for fault in attack.plan.faults]
         owned.sort(key=lambda pair: (pair[0].id, pair[1].name))
         vehicles = list(world.vehicles) if world is not None else []
         _check(owned, vehicles)
@@ -78,7 +78,7 @@ class FaultBench:
             array.flags.writeable = False
         return sensors
 
-    def _label(self, now: Time, attack: AttackPlan, fault: SensorFault, act: SensorAct) -> Label:
+    def _label(self, now: Time, attack: Stage, fault: SensorFault, act: SensorAct) -> Label:
         if act.vehicle not in fault.vehicles:
             raise ComponentError(f"sensor fault {fault.name}", f"reports an act on {act.vehicle}, which is not its own")
         link = f"{act.sensor}:{act.vehicle}"
@@ -91,7 +91,7 @@ def _copy(sensors: Sensors) -> Sensors:
     return Sensors(*(np.array(getattr(sensors, name)) for name in _ARRAYS))
 
 
-def _check(owned: Sequence[tuple[AttackPlan, SensorFault]], vehicles: Sequence[str]) -> None:
+def _check(owned: Sequence[tuple[Stage, SensorFault]], vehicles: Sequence[str]) -> None:
     faults = []
     seen: set[str] = set()
     for attack, fault in owned:

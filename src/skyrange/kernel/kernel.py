@@ -13,20 +13,21 @@ from collections.abc import Sequence
 from copy import deepcopy
 from heapq import heappop, heappush
 from math import gcd
+from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, InstanceStatus, Observer
-from skyrange.agent.links import AttackPlan
+from skyrange.agent.contracts import Agent, InstanceStatus, Observer, Watcher
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
-from skyrange.core.ids import Port
+from skyrange.core.ids import Port, own_voice
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Lane, Mailbox, Transit
+from skyrange.kernel.stages import Stage, Stages
 from skyrange.kernel.traffic import Code, Traffic, acts, blamed
 from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
 
@@ -39,7 +40,7 @@ class _Seat:
 
     __slots__ = ("agent", "attack", "box")
 
-    def __init__(self, agent: Agent, attack: AttackPlan | None) -> None:
+    def __init__(self, agent: Agent, attack: Stage | None) -> None:
         self.agent = agent
         self.attack = attack
         self.box = Mailbox(agent.name, agent.service_ns, polled=False)
@@ -66,21 +67,24 @@ class Kernel:
         """Raises `InputError` where the wiring does not fit together."""
         check(wiring)
         lanes = lanes_of(wiring, Chance(wiring.seed))
-        taps = place_taps(wiring, lanes)
-        seats = [_Seat(agent, None) for agent in wiring.agents]
-        seats += [_Seat(agent, plan) for plan in wiring.attacks for agent in plan.agents]
+        self._stages = Stages(wiring.attacks, wiring.world)
+        taps = place_taps(wiring, lanes, self._stages.by_id())
+        seats = [_Seat(agent, None) for agent in (*wiring.agents, *wiring.watchers)]
+        seats += [_Seat(agent, stage) for stage in self._stages.each for agent in stage.plan.agents]
         self._seats = {seat.agent.name: seat for seat in seats}
         self._berths = sorted((_Berth(mount) for mount in wiring.engines), key=lambda berth: berth.engine.name)
         self._ports = sending_lanes(lanes)
         self._traffic = Traffic(lanes, observers)
         self._world = wiring.world
-        self._faults = FaultBench(wiring.attacks, wiring.world)
+        self._watchers = sorted(watcher.name for watcher in wiring.watchers)
+        self._faults = FaultBench(self._stages.each, wiring.world)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
         self._ended = False
         owners = [(port, seat.box) for seat in seats for port in seat.agent.ports]
         owners += [(port, berth.box) for berth in self._berths for port in berth.engine.ports]
-        attach_routes(wiring, lanes, {port for port, _ in owners})
+        self._voices = {port: own_voice(port.endpoint) for seat in seats for port in getattr(seat.agent, "speaks", ())}
+        attach_routes(wiring, lanes, {port for port, _ in owners}, self._voices)
         incoming = {Port(lane.dst, lane.link): lane for lane in lanes.values()}
         for port, box in owners:
             if port not in incoming:
@@ -160,6 +164,10 @@ class Kernel:
         outbound, traffic.outbound = traffic.outbound, []
         return outbound
 
+    def watcher(self, name: str) -> Watcher:
+        """One of this kernel's own watchers: a fork has others than its stem. `KeyError` for a name that is none."""
+        return cast("Watcher", self._seats[name].agent)
+
     def finish(self) -> None:
         """End the run at `now`: frames still under way are recorded as such. Idempotent."""
         if not self._ended:
@@ -183,6 +191,13 @@ class Kernel:
         assert world is not None
         for note in world.advance(now):
             self._note(now, "world", note)
+        for name in self._watchers:
+            watcher = cast("Watcher", self._seats[name].agent)
+            if now % watcher.look_ns == 0:
+                watcher.look(now, world)
+        if self._stages.present:
+            for note in self._stages.tick(now, world):
+                self._note(now, "kernel", note)
         faults = self._faults
         if faults.present:
             for label in faults.work(now, world):
@@ -268,7 +283,7 @@ class Kernel:
             seat.box.due = due
             heappush(self._traffic.heap, ((due << 3) | _WAKEUP, "agent", seat.box.name, 0, _STEP, seat.box))
 
-    def _dispatch(self, now: Time, name: str, outbox: Outbox, own: Sequence[Port], attack: AttackPlan | None) -> None:
+    def _dispatch(self, now: Time, name: str, outbox: Outbox, own: Sequence[Port], attack: Stage | None) -> None:
         for note in outbox.notes:
             self._note(now, name, note)
         if not acts(attack, now):
@@ -277,7 +292,7 @@ class Kernel:
         singly = outbox.departures if attack is None else outbox.each(own)  # hostile frames are labelled one by one
         for port, payload, causes in singly:
             lane = self._lane(name, port)
-            frame = lane.frame(lane.src, now, payload, lane.src, lane.dst, None, causes)
+            frame = lane.frame(self._voices.get(port, lane.src), now, payload, lane.src, lane.dst, None, causes)
             if attack is not None:
                 traffic.label(Label(now, attack.id, name, "send", frame.id))
             traffic.transmit(now, lane, frame, 0)
@@ -286,8 +301,8 @@ class Kernel:
             if numbers is None:
                 numbers = np.array([self._lane(name, port).number for port in own], dtype=np.int64)
                 self._lane_numbers[name] = numbers
-            for places, payloads in outbox.blocks:
-                traffic.transmit_block(now, numbers[places], payloads)
+            for places, payloads, parents in outbox.blocks:
+                traffic.transmit_block(now, numbers[places], payloads, parents)
 
     def _lane(self, name: str, port: Port) -> Lane:
         lane = self._ports.get(port)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import Tap
 from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import AttackPlan, LinkSpec, Route
+from skyrange.agent.links import LinkSpec, Route
 from skyrange.agent.messages import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
 from skyrange.kernel.channel import NO_CHANCE, ChannelState, Uniforms
+
+if TYPE_CHECKING:
+    from skyrange.kernel.stages import Stage
 
 
 class TapSlot:
@@ -23,7 +26,7 @@ class TapSlot:
 
     __slots__ = ("attack", "due", "lanes", "name", "tap")
 
-    def __init__(self, tap: Tap, name: str, attack: AttackPlan | None) -> None:
+    def __init__(self, tap: Tap, name: str, attack: Stage | None) -> None:
         self.tap = tap
         self.name = name
         self.attack = attack

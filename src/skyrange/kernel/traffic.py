@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 from heapq import heappush
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import MIN_LATENCY_NS, AttackPlan
-from skyrange.agent.messages import Arrival
+from skyrange.agent.links import MIN_LATENCY_NS
+from skyrange.agent.messages import Arrival, Parents
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, SkyrangeError
@@ -25,6 +25,9 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
 from skyrange.kernel.express import Express, Landing
 from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
+
+if TYPE_CHECKING:
+    from skyrange.kernel.stages import Stage
 
 _DELIVERY = int(Phase.DELIVERY)
 _WAKEUP = int(Phase.WAKEUP)
@@ -53,7 +56,7 @@ def _number(lane: Lane) -> int:
     return lane.number
 
 
-def acts(attack: AttackPlan | None, now: Time) -> bool:
+def acts(attack: Stage | None, now: Time) -> bool:
     """Whether what a tap or agent of `attack` puts out counts: always without one."""
     return attack is None or (not attack.muted and attack.start_ns <= now < attack.stop_ns)
 
@@ -240,20 +243,26 @@ class Traffic:
         if twin is not None:
             self._duplicate(now, twin, lane, frame)
 
-    def transmit_block(self, now: Time, lanes: Ints, payloads: Payloads) -> None:
+    def transmit_block(self, now: Time, lanes: Ints, payloads: Payloads, parents: Parents | None = None) -> None:
         """Send `payloads[i]` from the source of lane number `lanes[i]`."""
         express = self._express
         ways = express.way[lanes] if len(express.way) else np.full(len(lanes), -1, dtype=np.int64)
+        above = express.lanes_of(parents) if parents is not None else None
+        if above is not None:  # columns know the lanes' own frames; a tap's has none of them for its parent
+            ways = np.where(np.isin(lanes, lanes[above < 0]), -1, ways)  # whole lanes, to keep their order
         for way in np.unique(ways).tolist():
             rows = np.flatnonzero(ways == way)
             whole = len(rows) == len(lanes)
             if way < 0:
                 for row in rows.tolist():
                     lane = self._by_number[lanes.item(row)]
-                    self.transmit(now, lane, lane.frame(lane.src, now, payloads[row], lane.src, lane.dst), 0)
+                    parent = parents.id(row) if parents is not None else None
+                    self.transmit(now, lane, lane.frame(lane.src, now, payloads[row], lane.src, lane.dst, parent), 0)
                 continue
             part = (lanes, payloads) if whole else (lanes[rows], payloads.take(rows))
-            for landing in express.fly(now, way, *part, self._by_number[0].counters):
+            serials = parents.serials[rows] if parents is not None else None
+            of = (above[rows] if above is not None else None, serials)
+            for landing in express.fly(now, way, *part, *of, self._by_number[0].counters):
                 self._blocks += 1  # only so that no two events are alike: the order of landings shows nowhere
                 key = (landing.arrival << 3) | _DELIVERY
                 heappush(self.heap, (key, "", "", self._blocks, _LAND, landing))

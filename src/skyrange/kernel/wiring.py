@@ -14,13 +14,14 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Agent, Engine, World
+from skyrange.agent.contracts import Agent, Engine, Watcher, World
 from skyrange.agent.links import AttackPlan, LinkSpec, Route, TapPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import ID_PATTERN, Port
 from skyrange.core.time import NS_PER_S
 from skyrange.kernel.lane import Forward, Lane, TapSlot
+from skyrange.kernel.stages import Stage
 
 _NO_ATTACK = "tap"
 """What stands for the attack's id in the name of a tap that belongs to none."""
@@ -46,6 +47,8 @@ class Wiring:
     attacks: Sequence[AttackPlan] = ()
     world: World | None = None
     engines: Sequence[EngineMount] = ()
+    watchers: Sequence[Watcher] = ()
+    """Agents too, which also see the world."""
     local: Container[str] | None = None
     """The endpoints that live in this kernel; `None` for all. Frames for others leave as `Transit`s."""
     fuse: bool = True
@@ -80,9 +83,11 @@ def sending_lanes(lanes: Mapping[str, Lane]) -> dict[Port, Lane]:
     return {Port(lane.src, lane.link): lane for lane in lanes.values()}
 
 
-def place_taps(wiring: Wiring, lanes: Mapping[str, Lane]) -> list[TapSlot]:
-    """Make and place every tap of this kernel's endpoints; a placement that matches nothing is an error."""
-    attacks = {plan.id: plan for plan in wiring.attacks}
+def place_taps(wiring: Wiring, lanes: Mapping[str, Lane], attacks: Mapping[str, Stage]) -> list[TapSlot]:
+    """Make and place every tap of this kernel's endpoints; a placement that matches nothing is an error.
+
+    `attacks` are the run's, by id.
+    """
     slots: list[TapSlot] = []
     sides: dict[tuple[str, str], list[TapSlot]] = {}
     for spec in wiring.links:
@@ -138,8 +143,11 @@ def place_taps(wiring: Wiring, lanes: Mapping[str, Lane]) -> list[TapSlot]:
     return slots
 
 
-def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[Port]) -> None:
-    """Give each lane its routes, and fuse what may be fused. `senders` are the ports that agents own."""
+def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[Port], voices: Container[Port]) -> None:
+    """Give each lane its routes, and fuse what may be fused.
+
+    `senders` are the ports that agents own, `voices` those where they speak beside what is forwarded.
+    """
     outgoing = sending_lanes(lanes)
     incoming = {Port(lane.dst, lane.link): lane for lane in lanes.values()}
     sources: dict[str, int] = {}
@@ -169,6 +177,8 @@ def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[
             and not forward.lane.out_taps
             and forward.lane.local
             and Port(forward.lane.src, forward.lane.link) not in senders
+            # a channel with a queue or with chance of order would show that what is forwarded was sent early
+            and (forward.lane.channel.steady or Port(forward.lane.src, forward.lane.link) not in voices)
             for forward in lane.forwards
         ):
             lane.fused = lane.forwards
@@ -184,7 +194,8 @@ def check(wiring: Wiring) -> None:
         )
         if value not in allowed
     ]
-    names = [agent.name for agent in wiring.agents] + [mount.engine.name for mount in wiring.engines]
+    names = [agent.name for agent in (*wiring.agents, *wiring.watchers)]
+    names += [mount.engine.name for mount in wiring.engines]
     names += [agent.name for plan in wiring.attacks for agent in plan.agents]
     faults += [Fault("agents", name, "names that differ") for name in sorted({n for n in names if names.count(n) > 1})]
     ids = [plan.id for plan in wiring.attacks]
@@ -196,6 +207,12 @@ def check(wiring: Wiring) -> None:
     ]
     if wiring.engines and wiring.world is None:
         faults.append(Fault("engines", "no world", "a world for them to fly in"))
+    quantum_ns = wiring.world.quantum_ns if wiring.world is not None else 0
+    faults += [
+        Fault(f"{watcher.name}.look_ns", str(watcher.look_ns), "whole ticks of a world")
+        for watcher in wiring.watchers
+        if quantum_ns <= 0 or watcher.look_ns <= 0 or watcher.look_ns % quantum_ns
+    ]
     if wiring.world is not None and not 0 < wiring.world.quantum_ns < NS_PER_S // 10:
         faults.append(Fault("world.quantum_ns", str(wiring.world.quantum_ns), "over 0 and under 0.1 s"))
     if faults:

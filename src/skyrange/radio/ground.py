@@ -31,7 +31,7 @@ class Reception(BaseModel):
     """A message or pack of F3411, in hexadecimal."""
 
 
-class Receptions(BaseModel):
+class Report(BaseModel):
     """What an operator's receivers decoded in one step of the oracle."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -41,16 +41,16 @@ class Receptions(BaseModel):
     body: Annotated[tuple[Reception, ...], Field(max_length=MOST_RECEPTIONS)]
 
 
-def encode(receptions: Receptions) -> bytes:
+def encode(report: Report) -> bytes:
     """As one frame."""
-    return receptions.model_dump_json().encode()
+    return report.model_dump_json().encode()
 
 
-def decode(payload: bytes) -> Receptions:
+def decode(payload: bytes) -> Report:
     """What `encode` was given, or `DecodeError`."""
     if len(payload) > MAX_FRAME_BYTES:
         raise DecodeError(f"{len(payload)} bytes, at most {MAX_FRAME_BYTES} are read")
     try:
-        return Receptions.model_validate_json(payload)
+        return Report.model_validate_json(payload)
     except (ValidationError, RecursionError) as error:
         raise DecodeError(f"no receptions: {str(error).splitlines()[0]}") from error

@@ -10,43 +10,26 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from skyrange.agent.air import ANY_CHANNEL as ANY
-from skyrange.agent.air import EmitterTable, Heard, Ints, Medium, Outcome, RadioTable, TxBatch
-from skyrange.agent.contracts import Floats, World
+from skyrange.agent.air import Heard, Ints, Medium, Outcome, RadioTable, ReceptionRows, Receptions, TxBatch
+from skyrange.agent.contracts import World
 from skyrange.agent.messages import Inbox, Outbox
+from skyrange.agent.refs import RefBook
 from skyrange.codec import rid_link
 from skyrange.codec.rid_link import ANY_CHANNEL
 from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.core.ids import FrameId, Port, link_name
+from skyrange.core.ids import Port, link_name
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.framing import AROUND, LEAST_BODY, MOST_BODY, WAVEFORM
-from skyrange.radio.ground import MOST_RECEPTIONS, Reception, Receptions, encode
+from skyrange.radio.ground import MOST_RECEPTIONS, Reception, Report, encode
 from skyrange.radio.medium import placed
+from skyrange.radio.noise import Noise
 from skyrange.radio.underway import Underway
 
 ENDPOINT = "oracle"
-
-
-class Record(NamedTuple):
-    """Receptions since the last `drain_receptions`: row i is of `frames[frame[i]]` at `receivers[receiver[i]]`."""
-
-    frames: Sequence[FrameId]
-    """The `rid_up` frames."""
-    frame: Ints
-    receivers: Sequence[str]
-    receiver: Ints
-    time_ns: Ints
-    """End of the reception."""
-    rssi_dbm: Floats
-    snir_db: Floats
-    channel: Ints
-    transport: Ints
-    serial: Ints
-    """Of the frame that it became on the receiver's `rid_down`; -1 for a ground receiver."""
 
 
 class Oracle:
@@ -57,6 +40,7 @@ class Oracle:
 
     name = ENDPOINT
     service_ns: Time = 10 * NS_PER_MS
+    look_ns: Time = 10 * NS_PER_MS
 
     def __init__(
         self,
@@ -92,10 +76,10 @@ class Oracle:
         self._table = placed(medium.radios)
         self._moving: tuple[Ints, Ints] | None = None
         self._last: Time | None = None
-        self._serials = np.zeros(len(self.ports), dtype=np.int64)
+        self._refs = RefBook()
+        self._noise = Noise()
         self._recording = recording
-        self._drained: list[tuple[Heard, Ints, Ints]] = []
-        self._behind: dict[int, FrameId] = {}
+        self._drained: list[ReceptionRows] = []
         self.refused: Counter[str] = Counter()
         """Frames that never became transmissions, by why."""
 
@@ -111,10 +95,6 @@ class Oracle:
         pos, vel = self._table.pos_enu_m.copy(), self._table.vel_enu_mps.copy()
         pos[mine], vel[mine] = position[theirs], velocity[theirs]
         self._table = RadioTable(now, pos, vel)
-
-    def emit(self, now: Time, sources: EmitterTable) -> None:
-        """Make noise, in place of what was made before; rows as the medium has its radios."""
-        self.medium.emit(now, sources)
 
     def next_wakeup(self) -> Time | None:
         """The next step while anything is on its way through the air; else mail wakes it."""
@@ -145,17 +125,21 @@ class Oracle:
         fits = good & (size >= LEAST_BODY[kind]) & (size <= MOST_BODY[kind])
         chosen = np.flatnonzero(fits)
         for row in np.flatnonzero(~fits).tolist():
+            if sender[row] >= 0 and self._noise.take(sender.item(row), columns.at_ns.item(row), columns.payloads[row]):
+                continue
             why = "not a broadcast" if not rows.good[row] else "not for the air" if not good[row] else "does not fit"
             self.refused[why] += 1
-            about = self.ports[int(columns.places[row])].link
-            outbox.note(
-                "event.rid_bad_frame", ENDPOINT, {"link": about, "why": why, "bytes": int(columns.payloads.sizes[row])}
-            )
+            count = self.refused[why]
+            if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
+                about = self.ports[columns.places.item(row)].link
+                ref = inbox.arrival(columns.order.item(row)).ref
+                outbox.note("event.bad_broadcast", ENDPOINT, {"link": about, "why": why, "count": count}, (ref,))
+        if self._noise.changed:
+            self.medium.emit(now, self._noise.sources(now))
         if not len(chosen):
             return
         at = columns.at_ns[chosen] if self._last is None else np.maximum(columns.at_ns[chosen], self._last + 1)
-        refs = [inbox.arrival(number).ref for number in columns.order[chosen].tolist()]
-        keys = self._underway.add(now, rows, chosen, at, refs)
+        keys = self._underway.add(now, rows, chosen, at, *self._refs.read(inbox, columns.order[chosen]))
         kind, channel = kind[chosen], rows.channel[chosen].astype(np.int64)
         channel[channel == ANY_CHANNEL] = ANY
         self.medium.offer(
@@ -172,12 +156,13 @@ class Oracle:
         )
 
     def _tell(self, heard: Heard, outbox: Outbox) -> None:
+        if self._recording:
+            self._keep(heard)
         if (heard.outcome != Outcome.DECODED).any():  # a medium that tells of every pair
             keep = heard.outcome == Outcome.DECODED
             heard = Heard(*(column[keep] for column in heard))
         place = self._down[heard.radio]
         rows = np.flatnonzero(place >= 0)
-        serial = np.full(len(place), -1, dtype=np.int64)
         if len(rows):
             keys = heard.key[rows]
             payloads = rid_link.pack_rows(
@@ -185,28 +170,26 @@ class Oracle:
                 self._underway.address(keys), np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
                 heard.ended_ns[rows], self._underway.bodies(keys),
             )  # fmt: skip
-            outbox.send_block(place[rows], payloads)
-            serial[rows] = self._number(place[rows])
+            outbox.send_block(place[rows], payloads, self._refs.parents(*self._underway.frames(keys)))
         if self._ground:
             self._report(heard, outbox)
-        if self._recording:
-            self._drained.append((heard, self._underway.transport(heard.key), serial))
-            for key in np.unique(heard.key).tolist():
-                ref = self._underway.refs[key & (len(self._underway.refs) - 1)]
-                if ref is not None:
-                    self._behind[key] = ref
 
-    def _number(self, places: Ints) -> Ints:
-        """The serials that the kernel will give to frames sent on these ports, in this order."""
-        order = np.argsort(places, kind="stable")
-        sorted_ = places[order]
-        fresh = np.ones(len(places), dtype=bool)
-        fresh[1:] = sorted_[1:] != sorted_[:-1]
-        begins = np.maximum.accumulate(np.where(fresh, np.arange(len(places)), 0))
-        serial = np.empty(len(places), dtype=np.int64)
-        serial[order] = self._serials[sorted_] + np.arange(len(places)) - begins
-        np.add.at(self._serials, places, 1)
-        return serial
+    def _keep(self, heard: Heard) -> None:
+        number, serial = self._underway.frames(heard.key)
+        self._drained.append(
+            ReceptionRows(
+                time_ns=heard.ended_ns,
+                number=number,
+                serial=serial,
+                radio=heard.radio,
+                place_enu_m=self._table.pos_enu_m[heard.radio],
+                transport=self._underway.transport(heard.key),
+                channel=heard.channel,
+                rssi_dbm=heard.rssi_dbm,
+                snir_db=heard.snir_db,
+                outcome=heard.outcome,
+            )
+        )
 
     def _report(self, heard: Heard, outbox: Outbox) -> None:
         """Tell operators what their ground receivers decoded."""
@@ -231,18 +214,12 @@ class Oracle:
         for operator, receptions in told.items():
             port = Port(ENDPOINT, link_name("oracle", operator))
             for start in range(0, len(receptions), MOST_RECEPTIONS):
-                outbox.send(port, encode(Receptions(body=tuple(receptions[start : start + MOST_RECEPTIONS]))))
+                outbox.send(port, encode(Report(body=tuple(receptions[start : start + MOST_RECEPTIONS]))))
 
-    def drain_receptions(self) -> Record:
-        """What was received since it was last asked, if `recording`; the record's to keep."""
-        drained, self._drained = self._drained, []
-        behind, self._behind = self._behind, {}
-        heard = [np.concatenate([part[0][k] for part in drained]) if drained else np.zeros(0) for k in range(7)]
-        transport = np.concatenate([part[1] for part in drained]) if drained else np.zeros(0, dtype=np.int64)
-        serial = np.concatenate([part[2] for part in drained]) if drained else np.zeros(0, dtype=np.int64)
-        keys, frame = np.unique(heard[0].astype(np.int64), return_inverse=True)
-        names = [radio.name for radio in self.medium.radios]
-        return Record(
-            [behind[key] for key in keys.tolist()], frame.astype(np.int64), names, heard[1].astype(np.int64),
-            heard[3].astype(np.int64), heard[4], heard[5], heard[2].astype(np.int64), transport, serial,
-        )  # fmt: skip
+    def drain_receptions(self) -> Receptions | None:
+        """What was received since it was last asked, if `recording`; None for nothing."""
+        parts, self._drained = self._drained, []
+        if not parts:
+            return None
+        rows = ReceptionRows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+        return Receptions(self._refs.names, [radio.name for radio in self.medium.radios], rows)

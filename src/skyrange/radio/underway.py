@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from skyrange.agent.payloads import Bytes, Ints, Payloads
 from skyrange.codec.rid_link import RidColumns
 from skyrange.core.compiled import kernel
-from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
 
 WIDTH = 256
@@ -27,19 +26,18 @@ def _keep(data: Bytes, starts: Ints, sizes: Ints, bodies: Bytes, places: Ints) -
 class Underway:
     """Broadcasts by key; keys count up from 0."""
 
-    __slots__ = ("_bodies", "_heads", "_sizes", "next", "refs")
+    __slots__ = ("_bodies", "_heads", "_sizes", "next")
 
     def __init__(self, room: int = 256) -> None:
         """`room` is a power of two; there will be more as needed."""
         self.next = 0
-        self._heads = np.zeros((10, room), dtype=np.int64)  # at, transport, channel, counter, address
+        # at, transport, channel, counter, address (6), the frame that brought it (number, serial)
+        self._heads = np.zeros((12, room), dtype=np.int64)
         self._sizes = np.zeros(room, dtype=np.int64)
         self._bodies = np.zeros((room, WIDTH), dtype=np.uint8)
-        self.refs: list[FrameId | None] = [None] * room
-        """By row: the frame that brought it."""
 
-    def add(self, now: Time, rows: RidColumns, chosen: Ints, at_ns: Ints, refs: list[FrameId]) -> Ints:
-        """Keep some rows; returns their keys."""
+    def add(self, now: Time, rows: RidColumns, chosen: Ints, at_ns: Ints, ref: Ints, serial: Ints) -> Ints:
+        """Keep some rows, which the frames (`ref`, `serial`) of a `RefBook` brought; returns their keys."""
         count = len(chosen)
         keys = np.arange(self.next, self.next + count)
         self._make_room(now, count)
@@ -47,12 +45,11 @@ class Underway:
         self._heads[0, places] = at_ns
         for k, column in enumerate((rows.transport, rows.channel, rows.counter)):
             self._heads[1 + k, places] = column[chosen]
-        self._heads[4:, places] = rows.address[chosen].T
+        self._heads[4:10, places] = rows.address[chosen].T
+        self._heads[10, places], self._heads[11, places] = ref, serial
         bodies = rows.bodies
         self._sizes[places] = bodies.sizes[chosen]
         _keep(bodies.data, bodies.starts[chosen], bodies.sizes[chosen], self._bodies, places)
-        for place, ref in zip(places.tolist(), refs, strict=True):
-            self.refs[place] = ref
         self.next += count
         return keys
 
@@ -69,10 +66,7 @@ class Underway:
             wider._heads[:, there] = self._heads[:, old % room]
             wider._sizes[there] = self._sizes[old % room]
             wider._bodies[there] = self._bodies[old % room]
-            for key, place in zip(old.tolist(), there.tolist(), strict=True):
-                wider.refs[place] = self.refs[key % room]
             self._heads, self._sizes, self._bodies = wider._heads, wider._sizes, wider._bodies
-            self.refs = wider.refs
 
     def place(self, keys: Ints) -> Ints:
         """The row of each key."""
@@ -90,7 +84,12 @@ class Underway:
 
     def address(self, keys: Ints) -> NDArray[np.uint8]:
         """(n, 6), claimed."""
-        return self._heads[4:, self.place(keys)].T.astype(np.uint8)
+        return self._heads[4:10, self.place(keys)].T.astype(np.uint8)
+
+    def frames(self, keys: Ints) -> tuple[Ints, Ints]:
+        """The frames that brought them: (numbers, serials) of the `RefBook`."""
+        places = self.place(keys)
+        return self._heads[10, places], self._heads[11, places]
 
     def bodies(self, keys: Ints) -> Payloads:
         """The bodies, where they lie."""

@@ -25,6 +25,7 @@ from skyrange.agent.messages import Note
 from skyrange.agent.verdicts import Label
 from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
+from skyrange.record.air import Air, reception_batch
 from skyrange.record.digests import Digests
 from skyrange.record.finalise import epoch_of, finalise
 from skyrange.record.folder import make_folder, put_file, unmake_folder, unwritable
@@ -100,6 +101,7 @@ class Recorder:
         self._truth: list[TruthTick] = []
         self._sensors: list[SensorTick] = []
         self._tick_bytes = 0
+        self._air: Air | None = None
 
     @classmethod
     def open(
@@ -146,6 +148,10 @@ class Recorder:
             sensors_due=-NEVER if sensors_hz else NEVER,
         )
         return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made)
+
+    def listen(self, air: Air | None) -> None:
+        """Ask `air` for receptions at each flush from now on."""
+        self._air = air
 
     def attach(self, name: str, data: bytes) -> None:
         """Put a file into the folder before the run starts: `scenario.toml`, `missions/survey.plan`, `city.json`.
@@ -248,6 +254,9 @@ class Recorder:
             self._append("truth", truth_batch(self._truth))
         if self._sensors:
             self._append("sensors", sensor_batch(self._sensors))
+        receptions = self._air.drain_receptions() if self._air is not None else None
+        if receptions is not None:
+            self._append("receptions", reception_batch(receptions))
         for table, rows in self._notes.items():
             if rows:
                 self._append(table, note_batch(table, rows))

@@ -7,13 +7,14 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from skyrange.agent.contracts import Observer
 from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
+from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
 from skyrange.runtime.collector import at_ease
 from skyrange.runtime.interrupt import Interruptible
@@ -68,6 +69,7 @@ class Run:
                     raise  # else another run took the folder meanwhile
         for name, data in rig.attachments.items():
             recorder.attach(name, data)
+        recorder.listen(rig.oracle)
         kernel.observe([recorder, *observers])
         return cls(kernel, recorder, rig)
 
@@ -88,7 +90,10 @@ class Run:
     def fork(self, out: Path) -> Run:
         """A second run that continues from here into the folder `out`, with what was recorded so far."""
         recorder = self.recorder.fork(out)
-        twin = Run(self.kernel.fork([recorder]), recorder, self.rig)
+        kernel = self.kernel.fork([recorder])
+        oracle = kernel.watcher(self.rig.oracle.name) if self.rig.oracle is not None else None
+        recorder.listen(cast("Oracle | None", oracle))
+        twin = Run(kernel, recorder, self.rig)
         twin._wall_s = self._wall_s
         return twin
 

@@ -1,7 +1,6 @@
-"""What do all parts of the scenario model share? Strict plain numbers, names, and errors that help.
+"""What do all parts of the scenario model share? Names, files, and errors that help.
 
-Numbers are strict (no text, no booleans, no NaN or infinity) but numpy's scalars are welcome, since a
-notebook computes with them. A model built in Python raises InputError, as a file does.
+A model built in Python raises InputError, as a file does.
 """
 
 from __future__ import annotations
@@ -9,11 +8,15 @@ from __future__ import annotations
 import os
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from skyrange.core.errors import Fault
+from skyrange.agent.plugins import kinds
+from skyrange.agent.settings import Number, Whole, items, refuse
+from skyrange.core.errors import Fault, nearest
 from skyrange.core.ids import ID_PATTERN
+
+__all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "known", "refuse", "wrong"]
 
 
 class Model(BaseModel):
@@ -40,20 +43,6 @@ class Model(BaseModel):
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
-def _plain(value: Any) -> Any:
-    """A numpy scalar as the Python number that it equals; all else as it is."""
-    return value.item() if type(value).__module__ == "numpy" and getattr(value, "ndim", None) == 0 else value
-
-
-def items(value: Any) -> Any:
-    """A numpy array as nested lists; all else as it is."""
-    return value.tolist() if type(value).__module__ == "numpy" and getattr(value, "ndim", 0) > 0 else value
-
-
-Number = Annotated[float, BeforeValidator(_plain), Strict(), Field(allow_inf_nan=False)]
-"""A finite float; integers count as floats."""
-Whole = Annotated[int, BeforeValidator(_plain), Strict()]
-"""An integer, not a boolean and not a float."""
 FileName = Annotated[
     str,
     BeforeValidator(
@@ -66,15 +55,18 @@ Id = Annotated[str, Field(pattern=ID_PATTERN.pattern)]
 """An id that may stand in file names and link names."""
 
 
-def refuse(*faults: Fault) -> PydanticCustomError:
-    """Faults found by a rule of ours, to be raised by a validator; they pass through pydantic as they are.
-
-    `where` of each is a dotted path below the model or field that raises, "" for itself.
-    """
-    text = "; ".join(str(fault) for fault in faults)
-    return PydanticCustomError("skyrange", "{text}", {"text": text, "faults": faults})
-
-
 def wrong(value: object, expected: str, hint: str = "", where: str = "") -> PydanticCustomError:
     """`refuse` for a single fault."""
     return refuse(Fault(where, value if isinstance(value, str) else repr(value), expected, hint))
+
+
+def known(group: str, what: str) -> AfterValidator:
+    """A check that a kind is one of a plugin group's; `what` names it in the fault."""
+
+    def check(kind: str) -> str:
+        offered = kinds(group)
+        if kind not in offered:
+            raise wrong(kind, f"{what} that is installed", nearest(kind, offered))
+        return kind
+
+    return AfterValidator(check)

@@ -29,8 +29,9 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
             _rename(vehicle["plan"], "file", files or {})
             if not vehicle["params"]:
                 del vehicle["params"]
-    if not data["links"]:
-        del data["links"]
+    for key in ("links", "attacks"):
+        if not data[key]:
+            del data[key]
     _rename(data.get("city", {}), "buildings", files or {})
     return "\n".join(_table(data, ())).strip("\n") + "\n"
 

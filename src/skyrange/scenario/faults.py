@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from skyrange.core.errors import Fault, InputError, nearest
@@ -35,7 +35,7 @@ def input_error(who: str, error: ValidationError, model: type[Model], data: Any)
     return InputError(who, faults_of(error, model, data))
 
 
-def faults_of(error: ValidationError, model: type[Model], data: Any) -> list[Fault]:
+def faults_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Fault]:
     """All faults, in the order of the model's keys; with those between the parts if pydantic got not that far."""
     try:
         details = error.errors(include_url=False)
@@ -49,7 +49,7 @@ def faults_of(error: ValidationError, model: type[Model], data: Any) -> list[Fau
             faults.append(found)
             if instead:
                 renamed.add((*detail["loc"][:-1], instead))
-    if not any(detail["type"] == "skyrange" and not detail["loc"] for detail in details):
+    if issubclass(model, Model) and not any(d["type"] == "skyrange" and not d["loc"] for d in details):
         faults += [Fault(spelled(_path(fault.where), data), *_rest(fault)) for fault in model.faults_between(data)]
     for detail in details:
         if detail["type"] == "skyrange":
@@ -100,7 +100,7 @@ def _path(where: str) -> Loc:
     return tuple(int(part) if part.isdigit() else part for part in where.split(".") if part)
 
 
-def _trim(loc: Loc, model: type[Model]) -> Loc:
+def _trim(loc: Loc, model: type[BaseModel]) -> Loc:
     """The path without pydantic's own words for the branches of a union."""
     kept: list[str | int] = []
     for key in loc:
@@ -110,7 +110,7 @@ def _trim(loc: Loc, model: type[Model]) -> Loc:
     return tuple(kept)
 
 
-def _unknown_key(detail: ErrorDetails, model: type[Model], data: Any) -> tuple[Fault, str]:
+def _unknown_key(detail: ErrorDetails, model: type[BaseModel], data: Any) -> tuple[Fault, str]:
     """The fault, and the key that it surely meant ("" if that is unsure)."""
     loc = detail["loc"]
     inside = model_of(walk(model, loc[:-1]))
@@ -122,7 +122,7 @@ def _unknown_key(detail: ErrorDetails, model: type[Model], data: Any) -> tuple[F
     return Fault(spelled(loc, data), shown, "a known key", hint), unit[0] if unit else ""
 
 
-def _fault(detail: ErrorDetails, model: type[Model], data: Any) -> Fault:
+def _fault(detail: ErrorDetails, model: type[BaseModel], data: Any) -> Fault:
     kind, loc, value = detail["type"], _trim(detail["loc"], model), detail["input"]
     field = field_at(model, loc)
     about = f" ({_first_sentence(field.description)})" if field is not None and field.description else ""

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from skyrange.agent.plugins import AUTOPILOTS, kinds
+from skyrange.agent.plugins import AUTOPILOTS
 from skyrange.core.errors import Fault, nearest
-from skyrange.scenario.base import Id, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.air import AnyAvoidance, RemoteId
+from skyrange.scenario.base import Id, Model, Number, Whole, items, known, refuse, wrong
 from skyrange.scenario.plan import Plan
 from skyrange.world.airframes import AIRFRAMES
 
@@ -21,18 +22,6 @@ REACH_M = 100_000
 """How far from the origin an aircraft may start."""
 LATEST_S = 86_400
 """How late an aircraft may depart."""
-
-
-def known(group: str, what: str) -> AfterValidator:
-    """A check that a kind is one of a plugin group's; `what` names it in the fault."""
-
-    def check(kind: str) -> str:
-        offered = kinds(group)
-        if kind not in offered:
-            raise wrong(kind, f"{what} that is installed", nearest(kind, offered))
-        return kind
-
-    return AfterValidator(check)
 
 
 def _known_airframe(name: str) -> str:
@@ -79,6 +68,20 @@ Departs = Annotated[
     Number, Field(ge=0, le=LATEST_S, description="Not to take off before this simulated time, in seconds.")
 ]
 Charge = Annotated[Number, Field(ge=0, le=1, description="How full its battery is at first, from 0 to 1.")]
+Broadcasts = Annotated[
+    RemoteId | None,
+    Field(description="What it broadcasts; default: its operator's, else the usual, where there is a radio medium."),
+]
+Avoids = Annotated[
+    AnyAvoidance | None, Field(description="How it keeps from others that it hears; in short the kind; default: none.")
+]
+AnyStation = Annotated[
+    tuple[Number, Number] | None,
+    Field(
+        description="Where its control station is: [east_m, north_m] from the origin; default: its first "
+        "aircraft's start."
+    ),
+]
 AnyStart = Annotated[Start, BeforeValidator(_start, json_schema_input_type=Start | list[float])]
 
 
@@ -114,6 +117,8 @@ class Vehicle(Model):
     )
     depart_s: Departs = 0.0
     charge: Charge = 1.0
+    remote_id: Broadcasts = None
+    avoidance: Avoids = None
     network: Whole = Field(
         default=-1,
         ge=0,
@@ -157,6 +162,8 @@ class Fleet(Model):
     )
     depart_s: Departs = 0.0
     charge: Charge = 1.0
+    remote_id: Broadcasts = None
+    avoidance: Avoids = None
     every_s: Number = Field(
         default=0.0, ge=0, le=3600, description="Seconds from one departure to the next, in the order of their ids."
     )
@@ -197,7 +204,7 @@ class Fleet(Model):
 
     def vehicles(self) -> list[Vehicle]:
         """Its aircraft, without ids."""
-        keys = ("autopilot", "airframe", "placing", "plan", "charge")
+        keys = ("autopilot", "airframe", "placing", "plan", "charge", "remote_id", "avoidance")
         shared = {key: getattr(self, key) for key in keys}
         return [
             Vehicle.model_construct(

@@ -17,6 +17,8 @@ from skyrange.scenario.operators import Operator
 
 VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data")
 """Kinds of link that every aircraft has one of."""
+AIR_LINKS = ("rid_up", "rid_down")
+"""Kinds of link that every aircraft has one of where there is a radio medium."""
 OPERATOR_LINKS = ("approval",)
 """Kinds of link that every operator has one of."""
 
@@ -68,11 +70,12 @@ def channel(rules: Iterable[Link], name: str, default: Channel) -> Channel:
     return default
 
 
-def link_names(operators: Iterable[Operator]) -> list[str]:
-    """The names of all links that these operators' fleets have."""
+def link_names(operators: Iterable[Operator], radio: bool = False) -> list[str]:
+    """The names of all links that these operators' fleets have, those to a `radio` medium too."""
     names = []
     for operator in operators:
         names += [link_name(kind, operator.id) for kind in OPERATOR_LINKS]
+        kinds = (*VEHICLE_LINKS, *(AIR_LINKS if radio else ()))
         for vehicle in operator.vehicles:
-            names += [link_name(kind, vehicle_id(operator.id, vehicle.id)) for kind in VEHICLE_LINKS]
+            names += [link_name(kind, vehicle_id(operator.id, vehicle.id)) for kind in kinds]
     return names

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
 from skyrange.agent.plugins import APPROVALS
 from skyrange.core.errors import nearest
-from skyrange.scenario.base import Id, Model, wrong
-from skyrange.scenario.fleet import MAX_SYSTEM_ID, Fleet, Params, Vehicle, known
+from skyrange.scenario.base import Id, Model, known, wrong
+from skyrange.scenario.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
 
 COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
@@ -59,8 +59,15 @@ class Operator(Model):
     params: Params = Field(
         default_factory=dict, description="Autopilot parameters of all its aircraft, unless one sets its own."
     )
+    station: AnyStation = None
+    remote_id: Broadcasts = None
+    avoidance: Avoids = None
     vehicles: tuple[Vehicle, ...] = Field(default=(), description="Its aircraft one by one.")
     fleets: tuple[Fleet, ...] = Field(default=(), description="Its aircraft by the dozen; they follow the vehicles.")
+
+
+_HANDED_ON: dict[str, Any] = {"fleets": (), "params": {}, "remote_id": None, "avoidance": None}
+"""What a built operator has no longer: its vehicles have it."""
 
 
 def operator_names(given: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
@@ -117,9 +124,7 @@ def named(operators: Sequence[Operator]) -> tuple[Operator, ...]:
     """The operators with fleets as vehicles, shared params in each, and every id, colour and system id filled in."""
     names = operator_names((operator.id, operator.color) for operator in operators)
     return tuple(
-        operator.model_copy(
-            update={"id": name, "color": color, "vehicles": _vehicles(name, operator), "fleets": (), "params": {}}
-        )
+        operator.model_copy(update={"id": name, "color": color, "vehicles": _vehicles(name, operator), **_HANDED_ON})
         for operator, (name, color) in zip(operators, names, strict=True)
     )
 
@@ -138,6 +143,8 @@ def _vehicles(name: str, operator: Operator) -> tuple[Vehicle, ...]:
                 "network": network,
                 "system_id": system_id,
                 "params": {**operator.params, **vehicle.params},
+                "remote_id": vehicle.remote_id or operator.remote_id,
+                "avoidance": vehicle.avoidance or operator.avoidance,
             }
         )
         for vehicle, own, (network, system_id) in zip(vehicles, ids, where, strict=True)

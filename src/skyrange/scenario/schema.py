@@ -10,9 +10,12 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
 
 from skyrange.agent.links import Channel
+from skyrange.agent.plugins import ATTACKS, kinds
 from skyrange.core.errors import Fault
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
+from skyrange.scenario.air import Avoidance, Radio, Receiver, RemoteId
+from skyrange.scenario.attacks import AttackTable, When, kind_of
 from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.links import Link, channel
@@ -22,6 +25,8 @@ from skyrange.scenario.whole import whole_faults
 from skyrange.world.wind import Wind as Air
 
 __all__ = [
+    "AttackTable",
+    "Avoidance",
     "City",
     "Fleet",
     "Grid",
@@ -30,12 +35,16 @@ __all__ = [
     "Origin",
     "Path",
     "Plan",
+    "Radio",
+    "Receiver",
     "Record",
+    "RemoteId",
     "Scenario",
     "Sensors",
     "Square",
     "Start",
     "Vehicle",
+    "When",
     "Wind",
     "json_schema",
     "mission_file",
@@ -195,10 +204,15 @@ class Scenario(Model):
     wind: Wind = Field(default_factory=Wind, description="The wind; default: none.")
     sensors: Sensors = Field(default_factory=Sensors, description="The aircraft's sensors; default: usual ones.")
     record: Record = Field(default_factory=Record, description="Rates of recording.")
+    radio: Radio | None = Field(
+        default=None,
+        description="The medium of Remote ID: with it aircraft broadcast and hear each other; default: none.",
+    )
     links: tuple[Link, ...] = Field(
         default=(), description="Changes to links' channels; later ones stand over earlier."
     )
     operators: tuple[Operator, ...] = Field(description="Who takes part, one operator or more.")
+    attacks: tuple[AttackTable, ...] = Field(default=(), description="What is done to them; default: nothing.")
 
     @model_validator(mode="after")
     def _as_a_whole(self) -> Scenario:
@@ -246,6 +260,15 @@ _BOUNDS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "ex
 def json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a scenario; every property says its meaning and unit."""
     schema = Scenario.model_json_schema(mode="validation")
+    attack = schema["$defs"]["AttackTable"]
+    attack["properties"]["kind"]["examples"] = list(kinds(ATTACKS))
+    attack["allOf"] = []
+    for kind in kinds(ATTACKS):
+        params = kind_of(kind).params.model_json_schema(mode="validation", ref_template="#/$defs/{model}")
+        schema["$defs"].update(params.pop("$defs", {}))
+        schema["$defs"][params["title"]] = params
+        means = {"properties": {"params": {"$ref": f"#/$defs/{params['title']}"}}}
+        attack["allOf"].append({"if": {"properties": {"kind": {"const": kind}}}, "then": means})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_bounded(schema)}
 
 

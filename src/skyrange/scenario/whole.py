@@ -10,6 +10,8 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from skyrange.core.errors import Fault, nearest
+from skyrange.core.ids import vehicle_id
+from skyrange.scenario.attacks import attack_faults
 from skyrange.scenario.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.links import link_names
 from skyrange.scenario.operators import Operator
@@ -30,8 +32,10 @@ def whole_faults(scenario: Any) -> list[Fault]:
         faults += _twice("operators", operators, "id", "an id that no other operator has")
         for index, operator in enumerate(operators):
             faults += _fleet_faults(f"operators.{index}", operator)
+    faults += _twice("attacks", _list(scenario, "attacks") or (), "id", "an id that no other attack has")
     if not isinstance(scenario, Mapping):
         faults += _rule_faults(scenario)
+        faults += attack_faults(scenario.attacks, [vehicle_id(o.id, v.id) for o, v in scenario.fleet])
     return faults
 
 
@@ -81,7 +85,7 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Fault]:
 
 
 def _rule_faults(scenario: Any) -> Iterator[Fault]:
-    names = link_names(scenario.operators)
+    names = link_names(scenario.operators, scenario.radio is not None)
     for index, rule in enumerate(scenario.links):
         if not any(fnmatchcase(name, rule.match) for name in names):
             hint = nearest(rule.match, names) or f"A link's name is like {names[-1]!r}." if names else ""

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from skyrange.agent.contracts import Agent
-from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
+from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
 from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, find
+from skyrange.attack.contract import Aircraft, Setting
 from skyrange.city.city import City
 from skyrange.codec.missions import format_waypoints
 from skyrange.core.chance import Chance
@@ -23,9 +24,14 @@ from skyrange.gcs.flights import Flight
 from skyrange.gcs.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Wiring
+from skyrange.radio.oracle import Oracle
+from skyrange.remoteid.profiles import serial_number
+from skyrange.scenario.air import RemoteId
+from skyrange.scenario.attacks import make_attacks, radio_faults
 from skyrange.scenario.check import check
 from skyrange.scenario.emit import to_toml
 from skyrange.scenario.flight import flight_plan
+from skyrange.scenario.medium import air_faults, air_network, on_air
 from skyrange.scenario.placing import placed
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.surroundings import build_city
@@ -52,6 +58,8 @@ class Rig:
     """The manifest's part that is known before the run."""
     attachments: dict[str, bytes]
     """Files of the run folder by name: the scenario, the missions and the city as flown."""
+    oracle: Oracle | None
+    """The one that owns the radio medium, if there is one."""
 
 
 def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequence[AttackPlan] = ()) -> Rig:
@@ -61,12 +69,16 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
-    faults = check(scenario, city)
+    links, all_routes = _network(scenario)
+    made = make_attacks(scenario.attacks, setting_of(scenario, links))
+    faults = [*check(scenario, city), *made.faults, *air_faults(scenario, made.radios)]
+    faults += radio_faults(made.radios, city) if city is not None else ()
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
+    links += made.links
+    air = on_air(scenario, city, Chance(scenario.seed), made.radios)
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
     plans = {vehicle_id(operator.id, vehicle.id): flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet}
-    links, all_routes = _network(scenario)
     world, engines = _aircraft(scenario, city, chance)
     agents: list[Agent] = [*_approvals(scenario)]
     for operator in scenario.operators:
@@ -85,9 +97,10 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
         seed=scenario.seed,
         links=links,
         routes=all_routes,
-        agents=agents,
-        taps=taps,
-        attacks=attacks,
+        agents=[*agents, *air.agents],
+        watchers=air.watchers,
+        taps=[*made.taps, *taps],
+        attacks=[*made.plans, *attacks],
         world=world,
         engines=engines,
     )
@@ -96,8 +109,28 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        _header(scenario, city, links, plans),
+        _header(scenario, city, links, plans) | {"attacks": made.rows},
         _attachments(scenario, plans, city),
+        air.oracle,
+    )
+
+
+def setting_of(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
+    """What attacks are told; the id, schedule and sham of each are its own."""
+    vehicles = {}
+    for operator, vehicle in scenario.fleet:
+        key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
+        uas_id = (vehicle.remote_id or RemoteId()).uas_id or serial_number(key)
+        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id)
+    return Setting(
+        id="",
+        vehicles=vehicles,
+        links=[spec.name for spec in links],
+        origin=scenario.origin.datum,
+        epoch=scenario.epoch,
+        chance=Chance(scenario.seed),
+        duration_ns=from_seconds(scenario.duration_s),
+        schedule=Schedule(),
     )
 
 
@@ -115,7 +148,7 @@ def _network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
                 for spec in vehicle_links(key, operator.id)
             ]
             all_routes += routes(key)
-    return links, all_routes
+    return [*links, *air_network(scenario)], all_routes
 
 
 def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[World, list[EngineMount]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -20,10 +20,21 @@ _NOTHING: tuple[Ints, Floats] = (np.zeros(0, dtype=np.int64), np.zeros(0))
 
 
 def over_time(
-    subject: Subject, lines: Mapping[str, tuple[Ints, Floats]], said: str, title: str, width: float, height: float
+    subject: Subject,
+    lines: Mapping[str, tuple[Ints, Floats]],
+    said: str,
+    title: str,
+    width: float,
+    height: float,
+    twins: Mapping[str, tuple[Ints, Floats]] | None = None,
+    spans: Sequence[tuple[float, float, str]] = (),
 ) -> Figure:
-    """A line per aircraft of `subject`: by its id (n,) ns and (n,) values; `said` stands over the axis."""
-    drawn = [line for line in lines.values() if len(line[0])]
+    """A line per aircraft of `subject`: by its id (n,) ns and (n,) values; `said` stands over the axis.
+
+    `twins` are drawn dashed behind them. `spans` are times to shade: from, until, in seconds, and their name.
+    """
+    twins = twins or {}
+    drawn = [line for line in (*lines.values(), *twins.values()) if len(line[0])]
     first = min((float(times_ns[0]) for times_ns, _ in drawn), default=0.0) * 1e-9
     last = max(max((float(times_ns[-1]) for times_ns, _ in drawn), default=0.0) * 1e-9, first + 1.0)
     low = min((float(values.min()) for _, values in drawn), default=0.0)
@@ -32,6 +43,15 @@ def over_time(
     left, right, above, below = 44.0, 12.0, 22.0, 38.0
     x_scale, y_scale = (width - left - right) / (last - first), (height - above - below) / (top - low)
     body = [svg.text(left, above - 9, said, "start", extra='opacity=".7"')]
+    for begin, end, name in spans:
+        x = left + (min(max(begin, first), last) - first) * x_scale
+        wide = max((min(end, last) - max(begin, first)) * x_scale, 1.0)
+        body.append(
+            f'<rect class="span" x="{number(x)}" y="{number(above)}" width="{number(wide)}" '
+            f'height="{number(height - above - below)}" fill="#b3261e" fill-opacity=".09">'
+            f"<title>{escape(name)}</title></rect>"
+        )
+        body.append(svg.text(x + 4, above + 12, name, "start", 10.5, 'fill-opacity=".75"'))
     values, step = svg.ticks(low, top, 5)
     for value in values:
         level = height - below - (value - low) * y_scale
@@ -44,12 +64,13 @@ def over_time(
     body.append(svg.text((left + width - right) / 2, height - 5, "simulated time, s", extra='opacity=".7"'))
     body += _legend(subject, width - right, above - 9)
     budget = max(60, svg.POINTS // max(len(subject.fleet), 1))
-    for vehicle in subject.fleet:
-        times_ns, ups = lines.get(vehicle.id, _NOTHING)
-        rows = kept_rows(times_ns, ups[:, None], budget, 0.3 / y_scale)
-        x = left + (times_ns[rows] * 1e-9 - first) * x_scale
-        y = height - below - (ups[rows] - low) * y_scale
-        body.append(subject.line(vehicle, np.stack([x, y], axis=1)))
+    for group, dashed in ((twins, True), (lines, False)):
+        for vehicle in subject.fleet:
+            times_ns, ups = group.get(vehicle.id, _NOTHING)
+            rows = kept_rows(times_ns, ups[:, None], budget, 0.3 / y_scale)
+            x_pixels = left + (times_ns[rows] * 1e-9 - first) * x_scale
+            y_pixels = height - below - (ups[rows] - low) * y_scale
+            body.append(subject.line(vehicle, np.stack([x_pixels, y_pixels], axis=1), dashed=dashed))
     return Figure(svg.document(width, height, title, body), title)
 
 

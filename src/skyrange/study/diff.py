@@ -1,7 +1,8 @@
 """Are two runs the same, and if not, where do they first part?
 
 Rows are compared in an order that does not depend on how they were recorded: frames by time of sending, link,
-direction, sender and serial, truth by time and vehicle. Both runs are read once, in step, never whole.
+direction, sender and serial, truth by time and vehicle. Both runs are read once, in step, never whole; positions, where
+truth differs, once more.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from skyrange.core.time import to_seconds
 from skyrange.record.order import in_order
 from skyrange.record.run import RunRecord, load
 from skyrange.record.schema import TABLES
+from skyrange.study.effects import DEPARTED_M, departures, ticks_of
+from skyrange.study.series import vehicles
 
 _KEYS: dict[str, tuple[str, ...]] = {
     "frames": ("sent_ns", "link", "direction", "sender", "serial"),
@@ -72,6 +75,9 @@ class Difference:
     outcomes: Mapping[str, tuple[Any, Any]]
     columns: Mapping[str, tuple[list[str], list[str]]]
     numeric: tuple[str | None, str | None]
+    apart: Mapping[str, tuple[float, float | None]]
+    """By aircraft, how far it was at most in one run from where it was in the other at that moment, in metres, and when
+    that was first more than `DEPARTED_M`, in seconds; empty where truth is the same or the fleets are not."""
 
     @property
     def first_frame(self) -> RowDifference | None:
@@ -92,10 +98,13 @@ class Difference:
         if self.same:
             rows = ", ".join(f"{count} {name}" for name, (count, _) in self.counts.items() if count)
             return "\n".join([*lines, f"the same: {rows or 'both empty'}"])
+        lines += [str(self.first[table]) for table in ("frames", "truth") if table in self.first]
+        others = [row for table, row in self.first.items() if table not in ("frames", "truth")]
+        lines += [str(row) for row in sorted(others, key=_time)]
         lines += [f"rows of {name}: {a} | {b}" for name, (a, b) in self.counts.items() if a != b]
         for name, (a, b) in self.columns.items():
             lines.append(f"columns of {name}: only in a {', '.join(a) or '-'}; only in b {', '.join(b) or '-'}")
-        lines += [str(row) for row in sorted(self.first.values(), key=_time)]
+        lines += [_apart(vehicle, *found) for vehicle, found in self.apart.items() if found[0] > 0.0]
         lines += [f"outcome of {vehicle}: {_outcome(a)} | {_outcome(b)}" for vehicle, (a, b) in self.outcomes.items()]
         if self.numeric[0] != self.numeric[1]:
             lines.append(
@@ -142,7 +151,22 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
         outcomes=outcomes,
         columns=columns,
         numeric=(_numeric(left), _numeric(right)),
+        apart=_distances(left, right) if "truth" in first else {},
     )
+
+
+def _distances(a: RunRecord, b: RunRecord) -> dict[str, tuple[float, float | None]]:
+    names = [vehicle.id for vehicle in vehicles(a)]
+    if not names or names != [vehicle.id for vehicle in vehicles(b)]:
+        return {}
+    away_m, first_ns = departures(ticks_of(a), ticks_of(b))
+    moments = [to_seconds(ns) if ns >= 0 else None for ns in first_ns.tolist()]
+    return dict(zip(names, zip(away_m.tolist(), moments, strict=True), strict=True))
+
+
+def _apart(vehicle: str, away_m: float, first_s: float | None) -> str:
+    when = f", more than {DEPARTED_M:g} m from {first_s:.2f} s on" if first_s is not None else ""
+    return f"{vehicle}: up to {away_m:.3g} m apart{when}"
 
 
 def _first_difference(table: str, a: RunRecord, b: RunRecord, columns: set[str]) -> RowDifference | None:

@@ -19,6 +19,7 @@ from skyrange.study import svg
 from skyrange.study.boxes import box
 from skyrange.study.chart import over_time
 from skyrange.study.deviation import deviations_m
+from skyrange.study.ground import ground_of
 from skyrange.study.marks import Mark, by_weight, drawn, marks_of
 from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
 from skyrange.study.subject import Subject, subject_of
@@ -30,9 +31,6 @@ __all__ = ["Figure", "altitude", "overview", "plan_view", "track_deviation", "tr
 
 Floats = NDArray[np.float64]
 Source = Literal["belief", "truth"]
-
-_STOREYS_M = 12.0
-"""Buildings are shaded in eight steps of this height."""
 
 
 def trajectories_3d(record: Record, operators: Sequence[str] | None = None, source: Source = "belief") -> Figure:
@@ -105,34 +103,18 @@ def draw_plan(
 ) -> Figure:
     """`plan_view` of tracks that are at hand."""
     homes = [np.array([vehicle.home_enu_m]) for vehicle in subject.fleet if vehicle.home_enu_m is not None]
-    solid = [rows for rows in (*(t.enu_m for t in tracks.values()), *homes, *waypoints.values()) if len(rows)]
-    low = np.min([rows.min(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, -5.0)
-    high = np.max([rows.max(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, 5.0)
-    span = np.maximum(high - low, 10.0)
-    span = span + 2 * np.maximum(0.08 * span, 14.0 if subject.city else 1.0)  # walls give a path its meaning
-    span[1] = max(span[1], span[0] * 0.5)
-    span[0] = max(span[0], span[1] * 0.9)
-    scale = width / float(span[0])
-    height = float(span[1]) * scale
-    corner = 0.5 * (low + high) + np.array([-0.5, 0.5]) * span
-
-    def pixels(enu: Floats) -> Floats:
-        return np.stack([(enu[:, 0] - corner[0]) * scale, (corner[1] - enu[:, 1]) * scale], axis=1)
-
-    body = [f'<g class="plan-buildings">{_footprints(subject.city, pixels, width, height)}</g>']
+    ground = ground_of([*(t.enu_m for t in tracks.values()), *homes, *waypoints.values()], subject.city, width)
+    pixels = ground.pixels
+    body = [ground.buildings()]
     body.extend(
         _plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
         for vehicle in subject.fleet
     )
     body += [drawn(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
-    body.append(_scale_bar(scale, width, height))
-    body.append(
-        f'<g transform="translate({number(width - 28)} 30)"><path d="M0 -18L7 8L0 3L-7 8z" fill="currentColor"/>'
-        + svg.text(0, 22, "N", size=12, extra='font-weight="600"')
-        + "</g>"
-    )
+    body.append(ground.legend())
     title = f"Plan view of {subject.name}"
-    return Figure(svg.document(width, height, title, body, f"{len(subject.fleet)} aircraft; north is up"), title)
+    words = f"{len(subject.fleet)} aircraft; north is up"
+    return Figure(svg.document(ground.width, ground.height, title, body, words), title)
 
 
 def draw_altitude(subject: Subject, tracks: Mapping[str, Track], width: float = 760.0, height: float = 300.0) -> Figure:
@@ -172,36 +154,3 @@ def _plan_vehicle(subject: Subject, vehicle: Vehicle, track: Track, waypoints: F
         if len(subject.fleet) <= 40:  # more names would only cover each other
             parts.append(svg.text(x + 8, y + 13, vehicle.short, "start", 10.5, 'opacity=".8"'))
     return "".join(parts)
-
-
-def _footprints(city: Sequence[Mapping[str, Any]], pixels: Any, width: float, height: float) -> str:
-    """Outlines that touch the picture, in eight classes of height so that each class is one path."""
-    classes: dict[int, list[str]] = {}
-    for building in city:
-        rings = [pixels(np.asarray(ring, dtype=np.float64)) for ring in building.get("rings") or [] if len(ring) > 2]
-        if not rings or not _touches(rings[0], width, height):
-            continue
-        level = int(np.clip(float(building.get("height_m") or 0.0) // _STOREYS_M, 0, 7))
-        classes.setdefault(level, []).append("".join(svg.path_data(ring, close=True) for ring in rings))
-    return "".join(
-        f'<path d="{"".join(classes[level])}" fill="currentColor" fill-opacity="{0.07 + 0.035 * level:.3f}" '
-        'fill-rule="evenodd" stroke="currentColor" stroke-opacity=".28" stroke-width=".7"/>'
-        for level in sorted(classes)
-    )
-
-
-def _touches(points: Floats, width: float, height: float) -> bool:
-    low, high = points.min(axis=0), points.max(axis=0)
-    return bool(high[0] > 0 and high[1] > 0 and low[0] < width and low[1] < height)
-
-
-def _scale_bar(scale: float, width: float, height: float) -> str:
-    metres = svg.nice_step(width / scale, 5)
-    length = metres * scale
-    y = height - 16
-    return (
-        f'<g class="scale-bar"><path d="M16 {number(y - 5)}V{number(y)}H{number(16 + length)}V{number(y - 5)}" '
-        f'fill="none" stroke="currentColor" stroke-width="1.4"/>'
-        + svg.text(16 + length / 2, y - 6, f"{svg.label(metres, metres)} m")
-        + "</g>"
-    )

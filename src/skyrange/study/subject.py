@@ -14,6 +14,8 @@ from skyrange.study import svg
 from skyrange.study.palette import Ink, base_colours, shades
 from skyrange.study.series import Record, Vehicle, operators, vehicles
 
+_DASHED = ' stroke-dasharray="4 5"'
+
 
 @dataclass(frozen=True, slots=True)
 class Subject:
@@ -36,6 +38,7 @@ class Subject:
         opacity: str = "1",
         weight: str = "1.8",
         close: bool = False,
+        dashed: bool = False,
     ) -> str:
         """A path through (n, 2) pixels in an aircraft's colour, named by its id; "" without points."""
         if not len(points):
@@ -43,7 +46,8 @@ class Subject:
         return (
             f'<path class="line ink-{self.index(vehicle)}" d="{svg.path_data(points, close)}" fill="none" '
             f'stroke="{self.inks[vehicle.id].light}" stroke-width="{weight}" stroke-opacity="{opacity}" '
-            f'stroke-linejoin="round" stroke-linecap="round"><title>{escape(vehicle.id)}</title></path>'
+            f'stroke-linejoin="round" stroke-linecap="round"{_DASHED if dashed else ""}>'
+            f"<title>{escape(vehicle.id)}{' in the twin' if dashed else ''}</title></path>"
         )
 
 

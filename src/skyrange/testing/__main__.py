@@ -6,6 +6,7 @@ from typing import Any
 
 from skyrange.testing.agents import AGENT
 from skyrange.testing.approvals import APPROVAL
+from skyrange.testing.attacks import ATTACK
 from skyrange.testing.engines import ENGINE
 from skyrange.testing.media import MEDIUM
 from skyrange.testing.rules import RuleBook
@@ -16,6 +17,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Taps: `check_tap`": TAP,
     "Autopilot engines: `check_engine`": ENGINE,
     "Approvals: `check_approval`": APPROVAL,
+    "Attacks: `check_attack`": ATTACK,
     "Radio media: `check_medium`": MEDIUM,
 }
 _HEAD = """\

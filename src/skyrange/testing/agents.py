@@ -93,9 +93,15 @@ def _wakeups(case: AgentCase) -> None:
     drive(case.make(), (), _BEFORE, case.until)
 
 
+def _ends(case: AgentCase) -> tuple[Port, ...]:
+    """Where it may send from: its ports, and those where it only speaks (`contracts.Speaker`)."""
+    agent = case.make()
+    return (*agent.ports, *getattr(agent, "speaks", ()))
+
+
 @AGENT.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")
 def _departures(case: AgentCase) -> None:
-    ports = tuple(case.make().ports)
+    ports = _ends(case)
     for step in case.friendly:
         check_departures(step.said, ports)
 
@@ -126,7 +132,7 @@ def _pure(case: AgentCase) -> None:
 @AGENT.rule("late", "Survives being stepped 1.3 s after the time it asked for, with all the mail since in one box.")
 def _late(case: AgentCase) -> None:
     for step in drive(case.make(), case.arrivals, _BEFORE, case.until, lag_ns=LATE_NS):
-        check_departures(step.said, tuple(case.make().ports))
+        check_departures(step.said, _ends(case))
         check_notes(step.said)
 
 
@@ -149,7 +155,7 @@ def _copies(case: AgentCase) -> None:
 
 @AGENT.rule("hostile", "Survives any bytes on any port, garbage and well-formed nonsense, and keeps its form.")
 def _hostile(case: AgentCase) -> None:
-    ports = tuple(case.make().ports)
+    ports = _ends(case)
     for payloads in ([*garbage(), *spoiled(case.letters)], list(forged())):
         arrivals, steps = case.besieged(payloads)
         for step in steps:

@@ -1,7 +1,7 @@
 """What else is on board? Proxy and companion as declared routes, and the links that tie an aircraft together.
 
 Up: autopilot → proxy → companion → ground station; down the same way back. The proxy also copies to `rid_data` what
-the Remote ID broadcast is made of.
+the Remote ID broadcast is made of. What passes between companion and the air is `vehicle.companion`'s.
 """
 
 from __future__ import annotations
@@ -23,12 +23,17 @@ PROXY_SERVICE_NS: Final[Time] = 0
 COMPANION_SERVICE_NS: Final[Time] = 10 * NS_PER_MS
 """The onboard program polls in its own loop."""
 
+ORACLE: Final = "oracle"
+"""The endpoint that stands for the environment: what is broadcast goes there, what is received comes from there."""
+
 _ON_BOARD: Final = Channel(mode="reliable", latency_ns=100 * NS_PER_US)
 CHANNELS: Final = {
     "gcs": Channel(mode="datagram", latency_ns=20 * NS_PER_MS),
     "log": _ON_BOARD,
     "autopilot": _ON_BOARD,
     "rid_data": _ON_BOARD,
+    "rid_up": _ON_BOARD,
+    "rid_down": _ON_BOARD,
 }
 """Default channel of each kind of link: UDP over a cellular network, and TCP or ZeroMQ within one computer."""
 
@@ -39,9 +44,12 @@ RID_MESSAGES: Final = frozenset(
         dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
         dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
         dialect.MAVLINK_MSG_ID_HOME_POSITION,
+        dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
     )
 )
-"""What an ASTM F3411 broadcast is made of: status, time, position above the ellipsoid, velocity, take-off."""
+"""What an ASTM F3411 broadcast is made of: status, time, position above the ellipsoid, velocity, take-off.
+
+And where the autopilot flies to, for the companion's avoidance."""
 
 
 class _ForRemoteId:
@@ -86,4 +94,10 @@ def links(vehicle: str, operator: str) -> list[LinkSpec]:
         "autopilot": (endpoint(vehicle, "proxy"), endpoint(vehicle, "autopilot")),
         "rid_data": (endpoint(vehicle, "proxy"), endpoint(vehicle, "companion")),
     }
+    return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]
+
+
+def air_links(vehicle: str) -> list[LinkSpec]:
+    """The two between one vehicle's companion and the oracle, with default channels."""
+    ends = {"rid_up": (endpoint(vehicle, "companion"), ORACLE), "rid_down": (ORACLE, endpoint(vehicle, "companion"))}
     return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Mapping
 from html import escape
 from importlib.resources import files
 from string import Template
 
 from skyrange.study import figures
+from skyrange.study.palette import Ink
 from skyrange.study.report import linktable, sections, timeline, words
 from skyrange.study.report.embedded import embed
 from skyrange.study.report.gathered import Gathered, gather
 from skyrange.study.series import Record
+from skyrange.study.subject import Subject
 
 SCRIPTS = ("base.js", "city.js", "gl.js", "flat.js", "scene.js", "panels.js", "chart.js", "page.js")
 """The page's script, in order; one function scope around all of them."""
@@ -22,9 +25,9 @@ def render(record: Record) -> str:
     """The whole page as text."""
     run = gather(record)
     data, notes = embed(run)
-    style = _asset("style.css") + _ink_rules(run)
-    script = '"use strict";(()=>{\n' + "\n".join(_asset(name) for name in SCRIPTS) + "\n})();"
-    return Template(_asset("page.html")).substitute(
+    style = asset("style.css") + ink_rules(run.operator_inks, run.subject)
+    script = '"use strict";(()=>{\n' + "\n".join(asset(name) for name in SCRIPTS) + "\n})();"
+    return Template(asset("page.html")).substitute(
         policy=escape(_policy(style, script), quote=True),
         title=escape(f"{run.manifest.get('name') or 'run'} · skyrange"),
         style=style,
@@ -64,10 +67,10 @@ def _panels(run: Gathered) -> str:
     return "".join(cells)
 
 
-def _ink_rules(run: Gathered) -> str:
+def ink_rules(operator_inks: Mapping[str, Ink], subject: Subject) -> str:
     """The colours of operators and aircraft as custom properties, for a light and for a dark page."""
-    names = [(f".op-{place}", colour) for place, colour in enumerate(run.operator_inks.values())]
-    names += [(f".ink-{index}", run.inks[vehicle.id]) for index, vehicle in enumerate(run.fleet)]
+    names = [(f".op-{place}", colour) for place, colour in enumerate(operator_inks.values())]
+    names += [(f".ink-{index}", subject.inks[vehicle.id]) for index, vehicle in enumerate(subject.fleet)]
     light = "".join(f"{name}{{--ink:{colour.light}}}" for name, colour in names)
     dark = "".join(f"{name}{{--ink:{colour.dark}}}" for name, colour in names)
     return f"{light}@media screen and (prefers-color-scheme:dark){{{dark}}}"
@@ -81,9 +84,16 @@ def _policy(style: str, script: str) -> str:
     )
 
 
+def sealed(style: str) -> str:
+    """The content policy of a page without a script."""
+    policy = f"default-src 'none'; style-src '{_hash(style)}'; base-uri 'none'; form-action 'none'"
+    return escape(policy, quote=True)
+
+
 def _hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """A file beside the page's code, as text."""
     return files("skyrange.study.report").joinpath("assets", name).read_text(encoding="utf-8")

@@ -49,7 +49,7 @@ def masthead(run: Gathered) -> str:
     name = str(manifest.get("name") or "unnamed run")
     line = "".join(f"<span>{key} <b>{escape(value)}</b></span>" for key, value in facts)
     return (
-        f'<div class="eyebrow">{_LOGO}<span>skyrange</span><span class="dim">run report</span></div>'
+        f'<div class="eyebrow">{LOGO}<span>skyrange</span><span class="dim">run report</span></div>'
         f'<h1>{escape(name)} <span class="pill {pill}">{escape(run.status)}</span>'
         f'</h1><p class="facts"><span><b>{good}</b> of <b>{len(run.fleet)}</b> missions complete</span>{line}</p>'
     )
@@ -214,7 +214,7 @@ seen = run.table(<span class="str">"telemetry"</span>)   <span class="rem"># wha
 frames = run.table(<span class="str">"frames"</span>)    <span class="rem"># every frame on every link</span>
 lost = frames.filter(pc.field(<span class="str">"fate"</span>) == <span class="str">"lost"</span>)"""
 
-_LOGO = (
+LOGO = (
     '<svg viewBox="0 0 24 24" width="20" height="20" aria-hidden="true"><path d="M3 17L12 5l9 12" fill="none" '
     'stroke="currentColor" stroke-width="2.4" stroke-linejoin="round" stroke-linecap="round"/><path d="M8 18.5h8" '
     'stroke="currentColor" stroke-width="2.4" stroke-linecap="round"/></svg>'

@@ -32,6 +32,7 @@ from skyrange.vehicle.builtin import (
     parameter_protocol,
     pausing,
     piloting,
+    remote_id,
     returning,
     sticks_in,
     targets,
@@ -79,6 +80,7 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_read,
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
     _ID.MAVLINK_MSG_ID_TIMESYNC: timesync.on_timesync,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: remote_id.on_arm_status,
 }
 _COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
 _RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)

@@ -171,6 +171,8 @@ class Craft:
     params_next: int = 0
     bad_frames: int = 0
     ignored: int = 0
+    rid_error: str = ""
+    """Why its Remote ID transmitter says that it may not be armed."""
     home_locked: bool = False
     """Home was set by command: arming does not move it."""
     erased: bool = False

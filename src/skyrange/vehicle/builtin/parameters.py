@@ -186,6 +186,8 @@ PARAMETERS: Final = tuple(
             Parameter("GPS_HDOP_GOOD", 140, 100, 900, "largest HDOP to arm with, 1/100", _INT16),
             Parameter("RALLY_INCL_HOME", 1, 0, 1, "home counts as a rally point", _INT8),
             Parameter("RALLY_LIMIT_KM", 0.3, 0, 1000, "rally points farther than that do not count, km; 0 all do"),
+            Parameter("DID_ENABLE", 0, 0, 1, "Remote ID by a transmitter on MAVLink", _INT8),
+            Parameter("DID_OPTIONS", 0, 0, 7, "bit 0: arm only while the Remote ID transmitter is good", _INT8),
             Parameter("DISARM_DELAY", 10, 0, 127, "disarm after so long armed on the ground, s; 0 never", _INT8),
             Parameter("EK3_ABIAS_P_NSE", 0.02, 0.00001, 0.02, "accelerometer bias noise, m/s³"),
             Parameter("EK3_ACC_BIAS_LIM", 1.0, 0.5, 2.5, "largest accelerometer bias, m/s²"),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import battery, fence, mode_traits, position, rally
+from skyrange.vehicle.builtin import battery, fence, mode_traits, position, rally, remote_id
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
 from skyrange.vehicle.builtin.modes import Mode
 
@@ -211,6 +211,10 @@ def _fence(fleet: Fleet, seen: View) -> list[Reason]:
     return list(fence.troubles(fleet, seen.rows, seen.located))
 
 
+def _remote_id(fleet: Fleet, seen: View) -> list[Reason]:
+    return list(remote_id.troubles(fleet, seen.rows))
+
+
 CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
     _station,
     _height,
@@ -222,6 +226,7 @@ CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
     _mission,
     _voltage,
     _fence,
+    _remote_id,
 ]
 """In ArduPilot's order."""
 

@@ -93,5 +93,8 @@ WATCH: Final = np.dtype(
         ("prearm_ok", "i8"),
         ("prearm_urgent", "i8"),  # tell soon: they have just begun to fail
         ("prearm_told_ns", "i8"),
+        # Remote ID's transmitter
+        ("rid_ns", "i8"),  # its last OPEN_DRONE_ID_ARM_STATUS; 0 never
+        ("rid_status", "i8"),  # MAV_ODID_ARM_STATUS
     ]
 )

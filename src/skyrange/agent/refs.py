@@ -1,0 +1,74 @@
+"""How does an agent remember which of very many frames told it something? As two numbers each, not as an object.
+
+A `FrameId` is three names and a serial. The names are few: they are numbered in a book, and state that outlives a step
+keeps (number, serial) in its columns. The id is put together again when it is quoted in `causes`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from skyrange.agent.blocks import Lanes
+from skyrange.agent.messages import Inbox, Parents
+from skyrange.agent.payloads import Ints
+from skyrange.core.ids import FrameId
+
+NO_REF = -1
+"""The number that stands for no frame."""
+
+
+class RefBook:
+    """The names that an agent's frames came under, numbered as they turn up. Deep-copyable."""
+
+    __slots__ = ("_lanes", "_names", "_numbers", "_of_lane")
+
+    def __init__(self) -> None:
+        self._names: list[tuple[str, str, str]] = []
+        self._numbers: dict[tuple[str, str, str], int] = {}
+        self._lanes: Lanes | None = None
+        self._of_lane = np.zeros(0, dtype=np.int64)
+
+    def read(self, inbox: Inbox, order: Ints) -> tuple[Ints, Ints]:
+        """(n,) numbers and (n,) serials of the arrivals `order`, as `Columns.order` numbers them."""
+        singles, blocks = inbox.singles, inbox.blocks
+        count = len(singles) + sum(map(len, blocks))
+        numbers, serials = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+        for place, arrival in enumerate(singles):
+            numbers[place], serials[place] = self._number(arrival.ref[:3]), arrival.ref.serial
+        at = len(singles)
+        for block in blocks:
+            part = slice(at, at + len(block))
+            numbers[part], serials[part] = self._lane_numbers(block.lanes, block.lane), block.serial
+            at += len(block)
+        return numbers[order], serials[order]
+
+    @property
+    def names(self) -> Sequence[tuple[str, str, str]]:
+        """(link, direction, sender) by number."""
+        return self._names
+
+    def parents(self, numbers: Ints, serials: Ints) -> Parents:
+        """The same frames as what a block is made of; none of them `NO_REF`."""
+        return Parents(self._names, numbers, serials)
+
+    def id(self, number: int, serial: int) -> FrameId | None:
+        """The frame, `None` for `NO_REF`."""
+        return None if number == NO_REF else FrameId(*self._names[number], serial)
+
+    def _number(self, name: tuple[str, str, str]) -> int:
+        found = self._numbers.get(name)
+        if found is None:
+            found = self._numbers[name] = len(self._names)
+            self._names.append(name)
+        return found
+
+    def _lane_numbers(self, lanes: Lanes, lane: Ints) -> Ints:
+        if self._lanes is not lanes:
+            self._lanes = lanes
+            self._of_lane = np.full(len(lanes.names), NO_REF, dtype=np.int64)
+        found = self._of_lane[lane]
+        for new in np.unique(lane[found == NO_REF]).tolist():
+            self._of_lane[new] = self._number(lanes.names[new][:3])
+        return self._of_lane[lane]

@@ -1,0 +1,125 @@
+"""What does a forged Remote ID broadcast say, and when is it sent? Personas, their places, their frames.
+
+The frames are well-formed ASTM F3411-22a as an honest transmitter would make them; only what they say is false.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import atan2, degrees, hypot
+from typing import NamedTuple
+
+from skyrange.agent.links import Schedule
+from skyrange.attack.contract import Place
+from skyrange.codec import rid_link
+from skyrange.codec.f3411 import (
+    EPOCH_2019_S,
+    BasicId,
+    IdType,
+    Location,
+    MessagePack,
+    Status,
+    System,
+    UaType,
+    encode,
+)
+from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_S, Epoch, Time
+from skyrange.remoteid.profiles import address_of, serial_number
+
+_HOUR_NS = 3600 * NS_PER_S
+_STOPPED = (0.0, 0.0, 0.0)
+
+
+class Persona(NamedTuple):
+    """An aircraft that is not there: who it says it is, and the address it sends from."""
+
+    uas_id: str
+    address: bytes
+
+
+def persona(name: str, uas_id: str = "") -> Persona:
+    """The persona called `name`: address and, unless given, serial number are what a real node of that name has."""
+    return Persona(uas_id or serial_number(name), address_of(name))
+
+
+@dataclass(slots=True)
+class Forger:
+    """Makes the broadcasts of some personas, one persona after another within each period.
+
+    `places` are where they claim to be when the attack starts, `velocity_mps` how they move from then on. With
+    `stands_enu_m` it is a sham: all of them say that they stand on the ground there, where the transmitter is.
+    """
+
+    personas: Sequence[Persona]
+    places: Sequence[Place]
+    velocity_mps: Place
+    transports: Sequence[Transport]
+    period_ns: Time
+    origin: Origin
+    epoch: Epoch
+    schedule: Schedule
+    stands_enu_m: Place | None = None
+    turn: int = 0
+    counter: int = 0
+
+    @property
+    def due(self) -> Time:
+        """When the next broadcast is to be made."""
+        return self.turn * self.period_ns // len(self.personas)
+
+    def make(self, now: Time) -> list[bytes]:
+        """The `rid_up` payloads of all personas that are due; none before the attack starts."""
+        payloads: list[bytes] = []
+        while self.due <= now:
+            if self.schedule.start_ns <= now:
+                payloads += self._broadcast(now, self.turn % len(self.personas))
+            self.turn += 1
+        return payloads
+
+    def _broadcast(self, now: Time, number: int) -> list[bytes]:
+        basic, location, system = self._messages(now, number)
+        whole = encode(MessagePack((basic, location, system)))
+        payloads = []
+        for transport in self.transports:
+            header = RidHeader(
+                transport, counter=self.counter & 0xFF, address=self.personas[number].address, time_ns=now
+            )
+            # Bluetooth 4 carries one message an advertisement, the others packs (F3411-22a, broadcast methods)
+            bodies = [encode(basic), encode(location)] if transport == Transport.BT4 else [whole]
+            payloads += [rid_link.pack(header, body) for body in bodies]
+        self.counter += 1
+        return payloads
+
+    def _messages(self, now: Time, number: int) -> tuple[BasicId, Location, System]:
+        seconds = (now - self.schedule.start_ns) / NS_PER_S
+        velocity = self.velocity_mps if self.stands_enu_m is None else _STOPPED
+        start = self.places[number] if self.stands_enu_m is None else self.stands_enu_m
+        east_m, north_m, up_m = (x + v * seconds for x, v in zip(start, velocity, strict=True))
+        lat_deg, lon_deg = self.origin.geodetic_of(east_m, north_m)
+        ground_m = self.origin.alt_msl_m + self.origin.geoid_m  # F3411 counts from the ellipsoid
+        unix_ns = self.epoch.unix_ns + now
+        location = Location(
+            status=Status.AIRBORNE if self.stands_enu_m is None else Status.GROUND,
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            alt_geo_m=ground_m + up_m,
+            height_m=up_m,
+            speed_mps=hypot(velocity[0], velocity[1]),
+            vertical_mps=velocity[2],
+            track_deg=degrees(atan2(velocity[0], velocity[1])) % 360.0,
+            horizontal_accuracy=11,  # better than 3 m, as a usual receiver claims
+            vertical_accuracy=5,
+            speed_accuracy=3,
+            timestamp_s=unix_ns % _HOUR_NS / NS_PER_S,
+        )
+        system = System(
+            operator_lat_deg=lat_deg,
+            operator_lon_deg=lon_deg,
+            operator_alt_geo_m=ground_m,
+            timestamp_s=unix_ns // NS_PER_S - EPOCH_2019_S,
+        )
+        who = BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, self.personas[number].uas_id)
+        return who, location, system

@@ -1,0 +1,79 @@
+"""How does an attacker get onto the air? A transmitter of its own, with links to the environment oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Protocol
+
+from skyrange.agent.links import Channel, LinkSpec
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.attack.contract import ORACLE, Place, Setting, Transmitter
+from skyrange.core.errors import InputError, nearest
+from skyrange.core.ids import Port
+from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
+
+SERVICE_NS: Final = NS_PER_MS
+"""An attacker's program that does nothing else."""
+CHANNEL: Final = Channel(mode="reliable", latency_ns=100 * NS_PER_US)
+"""Between that program and its radio, within one computer."""
+
+
+class Broadcasts(Protocol):
+    """What a transmitter sends: payloads of `rid_up`, when they are due. State that can be deep-copied."""
+
+    @property
+    def due(self) -> Time:
+        """When to ask next."""
+        ...
+
+    def make(self, now: Time) -> Sequence[bytes]:
+        """What is due by now."""
+        ...
+
+
+@dataclass(slots=True)
+class Broadcaster:
+    """An agent that sends `source`'s payloads on its own `rid_up` link."""
+
+    name: str
+    up: Port
+    source: Broadcasts
+    service_ns: Time = SERVICE_NS
+    ports: Sequence[Port] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.ports = [self.up]
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Send what is due."""
+        out = Outbox()
+        for payload in self.source.make(now):
+            out.send(self.up, payload)
+        return out
+
+    def next_wakeup(self) -> Time | None:
+        """When the next broadcast is due."""
+        return self.source.due
+
+
+def up_link(setting: Setting) -> LinkSpec:
+    """The link on which the attacker's radio is told what to send."""
+    return LinkSpec(setting.up, setting.radio, ORACLE, CHANNEL)
+
+
+def down_link(setting: Setting) -> LinkSpec:
+    """The link on which it says what it heard."""
+    return LinkSpec(setting.down, ORACLE, setting.radio, CHANNEL)
+
+
+def transmitter(setting: Setting, at_enu_m: Place, power_dbm: float, listens: bool = False) -> Transmitter:
+    """The attacker's node in the medium."""
+    return Transmitter(setting.radio, at_enu_m, power_dbm, listens)
+
+
+def known_vehicle(setting: Setting, parameter: str, vehicle: str) -> None:
+    """Raises `InputError` for a vehicle that is not in the scenario."""
+    if vehicle not in setting.vehicles:
+        hint = nearest(vehicle, setting.vehicles)
+        raise InputError.one(setting.id, parameter, vehicle, "a vehicle of the scenario", hint)

@@ -1,0 +1,128 @@
+"""What if old broadcasts are sent again? A recorder of what it hears, which sends it later from where it stands."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from pydantic import Field
+
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.agent.settings import Enu, Number, Params
+from skyrange.attack.contract import Attack, AttackKind, Place, Setting
+from skyrange.attack.forgery import persona
+from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
+from skyrange.codec import rid_link
+from skyrange.codec.f3411 import (
+    BasicId,
+    IdType,
+    Location,
+    MessagePack,
+    SelfId,
+    Single,
+    Status,
+    UaType,
+    encode,
+)
+from skyrange.codec.f3411.encode import PACK_HEADER, SIZE
+from skyrange.codec.rid_link import ANY_CHANNEL, NO_RSSI
+from skyrange.core.errors import DecodeError
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import Time, from_seconds
+
+MOST = 100_000
+"""Broadcasts that the recorder holds; older ones are forgotten."""
+
+
+class Replay(Params):
+    """Records the Remote ID that it hears from the beginning, and sends each broadcast again, a fixed time later."""
+
+    transmitter_m: Enu = Field(description="Where the attacker's radio stands: [east_m, north_m, up_m] in metres.")
+    delay_s: Number = Field(
+        default=30.0, gt=0, le=86_400, description="How long after it was heard a broadcast is sent again, in seconds."
+    )
+    power_dbm: Number = Field(default=20.0, ge=-30, le=50, description="Radiated power (EIRP) in dBm.")
+
+
+@dataclass(slots=True)
+class Parrot:
+    """Hears on its `rid_down` link and sends on its `rid_up` link, `delay_ns` later.
+
+    With `stands_enu_m` it is a sham: it sends as much and when it would, but says of itself that it stands there.
+    """
+
+    name: str
+    up: Port
+    down: Port
+    delay_ns: Time
+    origin: Origin
+    stands_enu_m: Place | None = None
+    service_ns: Time = SERVICE_NS
+    ports: Sequence[Port] = field(init=False)
+    heard: deque[tuple[Time, bytes, FrameId]] = field(default_factory=lambda: deque(maxlen=MOST))
+
+    def __post_init__(self) -> None:
+        self.ports = [self.up, self.down]
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Record what came, send what is due; what is no broadcast is passed over."""
+        out = Outbox()
+        for arrival in inbox:
+            try:
+                header, body = rid_link.unpack(arrival.payload)
+            except DecodeError:
+                continue
+            again = header._replace(channel=ANY_CHANNEL, rssi_cdbm=NO_RSSI, time_ns=arrival.at + self.delay_ns)
+            if self.stands_enu_m is not None:
+                again = again._replace(address=persona(self.name).address)
+                body = self._harmless(body, self.stands_enu_m)
+            self.heard.append((arrival.at + self.delay_ns, rid_link.pack(again, body), arrival.ref))
+        while self.heard and self.heard[0][0] <= now:
+            _, payload, ref = self.heard.popleft()
+            out.send(self.up, payload, (ref,))
+        return out
+
+    def next_wakeup(self) -> Time | None:
+        """When the oldest recorded broadcast is due."""
+        return self.heard[0][0] if self.heard else None
+
+    def _harmless(self, body: bytes, place: Place) -> bytes:
+        """A body of the same length: this transmitter's own identity and place, and a greeting for the rest."""
+        lat_deg, lon_deg = self.origin.geodetic_of(place[0], place[1])
+        messages: list[Single] = [
+            Location(
+                status=Status.GROUND,
+                lat_deg=lat_deg,
+                lon_deg=lon_deg,
+                alt_geo_m=self.origin.alt_msl_m + self.origin.geoid_m + place[2],
+            ),
+            BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, persona(self.name).uas_id),
+            *[SelfId(0, "standing here")] * 9,
+        ]
+        if len(body) < PACK_HEADER + SIZE:
+            return encode(messages[0])
+        return encode(MessagePack(tuple(messages[: (len(body) - PACK_HEADER) // SIZE])))
+
+
+def make(params: Replay, setting: Setting) -> Attack:
+    """The attack."""
+    agent = Parrot(
+        setting.radio,
+        Port(setting.radio, setting.up),
+        Port(setting.radio, setting.down),
+        from_seconds(params.delay_s),
+        setting.origin,
+        params.transmitter_m if setting.sham else None,
+    )
+    radio = transmitter(setting, params.transmitter_m, params.power_dbm, listens=True)
+    return Attack(agents=[agent], links=[up_link(setting), down_link(setting)], radios=[radio])
+
+
+REPLAY = AttackKind(
+    Replay,
+    make,
+    "Remote ID that was heard is sent again later, from another place.",
+    technique="T0856",  # Spoof Reporting Message
+)

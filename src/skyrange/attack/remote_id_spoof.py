@@ -1,0 +1,193 @@
+"""What if a Remote ID broadcast lies? Ghosts, false positions of real aircraft, and swarms of ghosts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, pi, sin, sqrt
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from skyrange.agent.frames import Frame
+from skyrange.agent.links import TapPlacement
+from skyrange.agent.settings import Enu, Number, Params, Whole, refuse
+from skyrange.agent.verdicts import Inject, Verdict
+from skyrange.attack.contract import ORACLE, Attack, AttackKind, Place, Setting
+from skyrange.attack.forgery import Forger, Persona, persona
+from skyrange.attack.radio import Broadcaster, known_vehicle, transmitter, up_link
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.ids import Port, endpoint, hash64, link_name
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.remoteid.profiles import TRANSPORTS
+
+STREAM = "attack.swarm"
+"""Of chance: where the ghosts of a swarm stand."""
+MAST_M = 2.0
+"""Height of a transmitter that the scenario does not place: held by hand."""
+
+Way = Literal["wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth"]
+
+
+class Spoof(Params):
+    """Forged Remote ID, transmitted by the attacker's own radio or injected on an aircraft's link to its radio."""
+
+    form: Literal["ghost", "position", "swarm"] = Field(
+        default="ghost",
+        description="ghost: an aircraft that is not there; position: an aircraft that is elsewhere; "
+        "swarm: many ghosts about a place.",
+    )
+    at: Enu = Field(
+        description="Where it claims to be when the attack starts: [east_m, north_m, up_m] in metres from the origin."
+    )
+    velocity_mps: Enu = Field(
+        default=(0.0, 0.0, 0.0), description="How it claims to move from then on: [east, north, up] in m/s."
+    )
+    vehicle: str | None = Field(
+        default=None, description="The aircraft whose identity form = 'position' takes, such as 'red/r1'."
+    )
+    uas_id: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=20,
+        pattern=r"^[\x20-\x7e]+$",
+        description="Identifier of a ghost, at most 20 characters of ASCII; default: one made of the attack's id.",
+    )
+    count: Annotated[Whole, Field(ge=1, le=2000)] = Field(default=20, description="How many ghosts a swarm has.")
+    radius_m: Number = Field(
+        default=100.0, gt=0, le=10_000, description="A swarm's ghosts stand within this of its place, in metres."
+    )
+    rate_hz: Number = Field(
+        default=1.0, ge=0.1, le=10, description="Broadcasts a second of each forged aircraft, over each transport."
+    )
+    transports: tuple[Way, ...] = Field(
+        default=("wifi_beacon",), min_length=1, description="Over what, each of which carries it all."
+    )
+    via: Literal["radio", "link"] = Field(
+        default="radio",
+        description="radio: from a transmitter of the attacker's; link: injected on the rid_up link of an aircraft.",
+    )
+    on: str | None = Field(
+        default=None,
+        description="The aircraft on whose rid_up link via = 'link' injects; default: the one that vehicle names.",
+    )
+    transmitter_m: Enu | None = Field(
+        default=None,
+        description="Where the attacker's transmitter stands: [east_m, north_m, up_m]; "
+        "default: 2 m above the ground below the place that is claimed.",
+    )
+    power_dbm: Number = Field(
+        default=20.0, ge=-30, le=50, description="Its radiated power (EIRP) in dBm; 20 is what Europe allows."
+    )
+
+    @model_validator(mode="after")
+    def _fits_its_form(self) -> Spoof:
+        faults = []
+        if self.form == "position" and self.vehicle is None:
+            faults.append(Fault("vehicle", "missing", "the aircraft whose identity form = 'position' takes"))
+        if self.form != "position" and self.vehicle is not None:
+            faults.append(
+                Fault("vehicle", self.vehicle, f"none for form = {self.form!r}", "Name it with on or uas_id.")
+            )
+        if self.form != "ghost" and self.uas_id is not None:
+            faults.append(Fault("uas_id", self.uas_id, f"none for form = {self.form!r}, which has its own"))
+        if self.via == "link" and self.on is None and self.vehicle is None:
+            faults.append(Fault("on", "missing", "the aircraft on whose rid_up link to inject"))
+        if self.via == "radio" and self.on is not None:
+            faults.append(Fault("on", self.on, "none for via = 'radio'", "Set via = 'link'."))
+        if self.via == "link" and self.transmitter_m is not None:
+            faults.append(Fault("transmitter_m", repr(list(self.transmitter_m)), "none for via = 'link'"))
+        if faults:
+            raise refuse(*faults)
+        return self
+
+
+@dataclass(slots=True)
+class Injector:
+    """A tap that puts a forger's broadcasts onto an aircraft's `rid_up`, as if its companion had sent them."""
+
+    src: str
+    source: Forger
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Lets everything pass."""
+        return ()
+
+    def next_wakeup(self) -> Time | None:
+        """When the next broadcast is due."""
+        return self.source.due
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Inject what is due."""
+        return [Inject(payload, "fwd", self.src, ORACLE) for payload in self.source.make(now)]
+
+
+@dataclass(frozen=True, slots=True)
+class _MakeInjector:
+    """Makes the tap of one link; each has the whole forger, which is made once as only one link matches."""
+
+    src: str
+    source: Forger
+
+    def __call__(self, link: str) -> Injector:
+        return Injector(self.src, self.source)
+
+
+def make(params: Spoof, setting: Setting) -> Attack:
+    """The attack. Raises `InputError` for aircraft that are not there or have no Remote ID."""
+    for name, vehicle in (("vehicle", params.vehicle), ("on", params.on)):
+        if vehicle is not None:
+            known_vehicle(setting, name, vehicle)
+    place = params.transmitter_m or (params.at[0], params.at[1], MAST_M)
+    forger = Forger(
+        personas=_personas(params, setting),
+        places=_places(params, setting),
+        velocity_mps=params.velocity_mps,
+        transports=[one for name in params.transports for one in TRANSPORTS[name]],
+        period_ns=round(NS_PER_S / params.rate_hz),
+        origin=setting.origin,
+        epoch=setting.epoch,
+        schedule=setting.schedule,
+        stands_enu_m=(place[0], place[1], 0.0) if setting.sham else None,
+    )
+    shown = {"ghost" if params.form != "position" else f"{params.vehicle} as claimed": params.at}
+    if params.via == "radio":
+        agent = Broadcaster(setting.radio, Port(setting.radio, setting.up), forger)
+        radio = transmitter(setting, place, params.power_dbm)
+        return Attack(agents=[agent], links=[up_link(setting)], radios=[radio], shown=shown)
+    victim = params.on or params.vehicle
+    assert victim is not None  # the parameters' own check
+    link = link_name("rid_up", victim)
+    if link not in setting.links:
+        raise InputError.one(setting.id, "on", link, "a link of the scenario", nearest(link, setting.links))
+    companion = endpoint(victim, "companion")
+    return Attack(taps=[TapPlacement(link, "companion", _MakeInjector(companion, forger), setting.id)], shown=shown)
+
+
+def _personas(params: Spoof, setting: Setting) -> list[Persona]:
+    if params.form == "swarm":
+        return [persona(f"{setting.id}.{number}") for number in range(params.count)]
+    if setting.sham or params.vehicle is None:
+        return [persona(setting.id, "" if setting.sham else params.uas_id or "")]
+    return [persona(setting.id, setting.vehicles[params.vehicle].uas_id)]
+
+
+def _places(params: Spoof, setting: Setting) -> list[Place]:
+    """The place, or a swarm's places: uniform over the disk about it, at its height."""
+    if params.form != "swarm":
+        return [params.at]
+    places = []
+    for number in range(params.count):
+        along, around, *_ = setting.chance.uniform4(STREAM, hash64(setting.id), 0, number)
+        away_m = params.radius_m * sqrt(along)
+        east_m, north_m = away_m * cos(2 * pi * around), away_m * sin(2 * pi * around)
+        places.append((params.at[0] + east_m, params.at[1] + north_m, params.at[2]))
+    return places
+
+
+SPOOF = AttackKind(
+    Spoof,
+    make,
+    "Forged Remote ID: a ghost at a place, a false position of an aircraft, or a swarm of ghosts.",
+    technique="T0856",  # Spoof Reporting Message
+)

@@ -1,0 +1,59 @@
+"""How does a jammer tell its radio to make noise? One burst a payload, on the `rid_up` link of its node.
+
+24 bytes, little-endian. A jammer's program and its radio are two things, as everywhere; a burst ends by itself, so a
+program that is silenced leaves the air clean.
+
+| bytes | field | meaning |
+|---|---|---|
+| 0 | magic | 0x1E |
+| 1 | reserved | 0 |
+| 2–3 | power | radiated power (EIRP) in 0.01 dBm, signed |
+| 4–7 | centre | centre frequency in kHz |
+| 8–11 | bandwidth | bandwidth in kHz, over which the power is spread evenly |
+| 12–15 | duration | µs |
+| 16–23 | time | ns of range time at which the burst was ordered, signed |
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, NamedTuple
+
+from skyrange.core.errors import DecodeError
+
+MAGIC: Final = 0x1E
+_BURST: Final = struct.Struct("<BBhIIIq")
+SIZE: Final = _BURST.size
+
+
+class Burst(NamedTuple):
+    """Noise of `duration_us` from the moment at which it is received by the radio."""
+
+    power_cdbm: int
+    centre_khz: int
+    bandwidth_khz: int
+    duration_us: int
+    time_ns: int = 0
+
+
+def pack(burst: Burst) -> bytes:
+    """The payload; `ValueError` where a field does not fit its bytes, or there is no bandwidth."""
+    if burst.bandwidth_khz <= 0:
+        raise ValueError(f"bandwidth of {burst.bandwidth_khz} kHz, expected more than 0")
+    try:
+        return _BURST.pack(MAGIC, 0, *burst)
+    except struct.error as error:
+        raise ValueError(f"{burst}: {error}") from error
+
+
+def unpack(payload: bytes) -> Burst:
+    """What `pack` was given, or `DecodeError`."""
+    if len(payload) != SIZE:
+        raise DecodeError(f"{len(payload)} bytes, a burst of noise has {SIZE}")
+    magic, _, *fields = _BURST.unpack(payload)
+    if magic != MAGIC:
+        raise DecodeError(f"first byte 0x{magic:02x}, expected 0x{MAGIC:02x}")
+    burst = Burst(*fields)
+    if burst.bandwidth_khz == 0:
+        raise DecodeError("a burst of noise without bandwidth")
+    return burst

@@ -1,0 +1,48 @@
+"""Who makes noise, and until when? Bursts that jammers order of their radios, as sources of the medium."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyrange.agent.air import EmitterTable
+from skyrange.codec import noise_link
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import NS_PER_US, Time
+
+MOST_BURSTS = 1_000
+"""Bursts at once; a flood of more is not radiated."""
+MOST_DBM = 90.0
+
+
+class Noise:
+    """The bursts under way. Deep-copyable."""
+
+    __slots__ = ("_bursts", "changed")
+
+    def __init__(self) -> None:
+        self._bursts: list[tuple[int, Time, Time, noise_link.Burst]] = []
+        self.changed = False
+        """Whether the medium's sources are others than when they were last asked for."""
+
+    def take(self, radio: int, at: Time, payload: bytes) -> bool:
+        """Take the order of a burst that reached a radio; `False` for anything else, and for one too many."""
+        try:
+            burst = noise_link.unpack(payload)
+        except DecodeError:
+            return False
+        if len(self._bursts) >= MOST_BURSTS or burst.power_cdbm > MOST_DBM * 100:
+            return False
+        self._bursts.append((radio, at, at + burst.duration_us * NS_PER_US, burst))
+        self.changed = True
+        return True
+
+    def sources(self, now: Time) -> EmitterTable:
+        """The sources that are on or come, those of before forgotten."""
+        self.changed = False
+        self._bursts = [burst for burst in self._bursts if burst[2] > now]
+        numbers = np.array([[b.centre_khz, b.bandwidth_khz, b.power_cdbm] for *_, b in self._bursts], dtype=np.float64)
+        numbers = numbers.reshape(-1, 3)
+        times = np.array([burst[:3] for burst in self._bursts], dtype=np.int64).reshape(-1, 3)
+        return EmitterTable(
+            times[:, 0], numbers[:, 0] / 1e3, numbers[:, 1] / 1e3, numbers[:, 2] / 100.0, times[:, 1], times[:, 2]
+        )

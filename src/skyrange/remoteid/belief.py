@@ -1,0 +1,145 @@
+"""What does an aircraft believe of itself, as its computer on board hears it? The last of a few MAVLink messages.
+
+From `rid_data`: HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION, and for avoidance
+POSITION_TARGET_GLOBAL_INT. Belief, never truth: what deceives the autopilot is broadcast.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Ints, Payloads
+from skyrange.codec.columns import group, kind_of, sort
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
+
+AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
+_ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
+
+BELIEF: Final = np.dtype(
+    [
+        # when each was heard, ns; -1 never
+        ("beat_ns", "i8"), ("time_ns", "i8"), ("gnss_ns", "i8"), ("place_ns", "i8"), ("home_ns", "i8"),
+        ("goal_ns", "i8"),
+        ("mode", "i8"), ("armed", "i8"), ("state", "i8"),  # custom_mode, 0 or 1, MAV_STATE
+        ("boot_utc_us", "i8"),  # UTC of its boot, µs since 1970; -1 unknown
+        ("time_boot_ms", "i8"),  # its clock at that SYSTEM_TIME
+        ("fix", "i8"),  # GPS_FIX_TYPE
+        ("geoid_m", "f8"),  # ellipsoid height less mean sea level, by its receiver; NaN unknown
+        ("place_acc_m", "f8"), ("up_acc_m", "f8"), ("speed_acc_mps", "f8"),  # NaN unknown
+        ("boot_ms", "i8"),  # its clock at the position below
+        ("lat_e7", "i8"), ("lon_e7", "i8"), ("alt_msl_m", "f8"), ("above_home_m", "f8"),
+        ("vel_n", "f8"), ("vel_e", "f8"), ("vel_d", "f8"),  # m/s
+        ("home_lat_e7", "i8"), ("home_lon_e7", "i8"), ("home_msl_m", "f8"),
+        ("goal_lat_e7", "i8"), ("goal_lon_e7", "i8"), ("goal_msl_m", "f8"),
+        ("bad", "i8"),  # frames that are none of its autopilot's
+    ]
+)  # fmt: skip
+"""One aircraft's belief."""
+
+
+class Beliefs:
+    """The beliefs of many aircraft: `table` by place. Deep-copyable."""
+
+    def __init__(self, systems: Ints) -> None:
+        """`systems` (n,): MAVLink system ids; what another system or component sends is not believed."""
+        self.systems = systems
+        self.table: NDArray[Any] = np.zeros(len(systems), dtype=BELIEF)
+        for name in ("beat_ns", "time_ns", "gnss_ns", "place_ns", "home_ns", "goal_ns", "boot_utc_us"):
+            self.table[name] = -1
+        for name in ("geoid_m", "place_acc_m", "up_acc_m", "speed_acc_mps"):
+            self.table[name] = np.nan
+
+    def update(self, places: Ints, at_ns: Ints, payloads: Payloads) -> dict[int, Ints]:
+        """Take in frames in their order; the rows of each message id that was heard.
+
+        Only whole, unsigned MAVLink 2 frames are read; others are counted in `bad`, as are strangers'.
+        """
+        kinds = sort(payloads)
+        heard: dict[int, Ints] = {}
+        np.add.at(self.table["bad"], places[kinds < 0], 1)
+        for number, read in _READERS.items():
+            rows = np.flatnonzero(kinds == kind_of(number))
+            if not rows.size:
+                continue
+            found = group(payloads, kind_of(number), rows)
+            own = (found.systems == self.systems[places[rows]]) & (found.components == AUTOPILOT)
+            np.add.at(self.table["bad"], places[rows[~own]], 1)
+            rows = rows[own]
+            if rows.size:
+                # of several from one aircraft the last one counts: it is assigned last
+                read(self.table, places[rows], at_ns[rows], found.values[own])
+                heard[number] = rows
+        return heard
+
+
+def _heartbeat(table: Any, at: Ints, when: Ints, told: Any) -> None:
+    table["beat_ns"][at] = when
+    table["mode"][at] = told["custom_mode"]
+    table["armed"][at] = (told["base_mode"] & _ARMED) != 0
+    table["state"][at] = told["system_status"]
+
+
+def _system_time(table: Any, at: Ints, when: Ints, told: Any) -> None:
+    known = told["time_unix_usec"] > 0
+    unix_us, boot_ms = told["time_unix_usec"].astype(np.int64), told["time_boot_ms"].astype(np.int64)
+    table["time_ns"][at] = when
+    table["boot_utc_us"][at] = np.where(known & (unix_us >= 0), unix_us - boot_ms * 1000, -1)
+    table["time_boot_ms"][at] = boot_ms
+
+
+def _gps_raw_int(table: Any, at: Ints, when: Ints, told: Any) -> None:
+    table["gnss_ns"][at] = when
+    table["fix"][at] = told["fix_type"]
+    both = (told["alt_ellipsoid"] != 0) & (told["fix_type"] >= mav.GPS_FIX_TYPE_3D_FIX)
+    table["geoid_m"][at] = np.where(
+        both, (told["alt_ellipsoid"].astype(np.float64) - told["alt"]) * 1e-3, table["geoid_m"][at]
+    )
+    for name, field in (("place_acc_m", "h_acc"), ("up_acc_m", "v_acc"), ("speed_acc_mps", "vel_acc")):
+        table[name][at] = np.where(told[field] > 0, told[field] * 1e-3, np.nan)  # 0: an extension that was not sent
+
+
+def _global_position(table: Any, at: Ints, when: Ints, told: Any) -> None:
+    table["place_ns"][at] = when
+    table["boot_ms"][at] = told["time_boot_ms"]
+    table["lat_e7"][at], table["lon_e7"][at] = told["lat"], told["lon"]
+    table["alt_msl_m"][at], table["above_home_m"][at] = told["alt"] * 1e-3, told["relative_alt"] * 1e-3
+    for name, field in (("vel_n", "vx"), ("vel_e", "vy"), ("vel_d", "vz")):
+        table[name][at] = told[field] * 1e-2
+
+
+def _home_position(table: Any, at: Ints, when: Ints, told: Any) -> None:
+    table["home_ns"][at] = when
+    table["home_lat_e7"][at], table["home_lon_e7"][at] = told["latitude"], told["longitude"]
+    table["home_msl_m"][at] = told["altitude"] * 1e-3
+
+
+def _position_target(table: Any, at: Ints, when: Ints, told: Any) -> None:
+    table["goal_ns"][at] = when
+    table["goal_lat_e7"][at], table["goal_lon_e7"][at] = told["lat_int"], told["lon_int"]
+    table["goal_msl_m"][at] = told["alt"]
+
+
+_READERS: Final = {
+    int(mav.MAVLINK_MSG_ID_HEARTBEAT): _heartbeat,
+    int(mav.MAVLINK_MSG_ID_SYSTEM_TIME): _system_time,
+    int(mav.MAVLINK_MSG_ID_GPS_RAW_INT): _gps_raw_int,
+    int(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT): _global_position,
+    int(mav.MAVLINK_MSG_ID_HOME_POSITION): _home_position,
+    int(mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT): _position_target,
+}
+
+
+def utc_us(table: Any, boot_ms: Ints) -> Ints:
+    """(n,) UTC, µs since 1970, by its own clock at `boot_ms`; -1 unknown, as after a reboot that set it back."""
+    known = (table["boot_utc_us"] >= 0) & (boot_ms >= table["time_boot_ms"] - 1000)
+    return np.where(known, table["boot_utc_us"] + boot_ms * (NS_PER_MS // NS_PER_US), -1)
+
+
+def fresh(told_ns: Ints, now: Time, within_ns: Time) -> NDArray[np.bool_]:
+    """(n,) what was told, and lately."""
+    lately: NDArray[np.bool_] = (told_ns >= 0) & (now - told_ns <= within_ns)
+    return lately

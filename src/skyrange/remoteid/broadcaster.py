@@ -1,0 +1,246 @@
+"""What does an aircraft broadcast, and when? Remote ID made of what it believes, for many aircraft at once.
+
+Every element is what the aircraft's autopilot said last; its time mark is when it was so. When the autopilot falls
+silent the last place goes on, with its old time mark, under the status "Remote ID system failure".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Ints, Payloads
+from skyrange.codec.f3411 import (
+    EPOCH_2019_S,
+    BasicId,
+    DescriptionType,
+    MessageType,
+    OperatorId,
+    OperatorLocationType,
+    SelfId,
+    Status,
+    System,
+    encode,
+    values,
+)
+from skyrange.codec.f3411_columns import Bodies, encode_locations, pack_rows, rows_of, single_rows
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.rid_link import ANY_CHANNEL, NO_RSSI, Transport
+from skyrange.codec.rid_link import pack_rows as link_rows
+from skyrange.core.chance import Chance
+from skyrange.core.compiled import kernel
+from skyrange.core.ids import hash64
+from skyrange.core.time import NEVER, NS_PER_S, Time
+from skyrange.remoteid.belief import Beliefs, fresh, utc_us
+from skyrange.remoteid.profiles import Broadcast, Cycle, address_of, cycle
+
+PHASE_STREAM: Final = "remoteid.phase"
+PLACE_NS: Final[Time] = 2 * NS_PER_S
+"""A place older than that is none: telemetry at 1 Hz, and one report lost."""
+BEAT_NS: Final[Time] = 5 * NS_PER_S
+"""Silence after which the autopilot counts as lost (mavlink.io, heartbeat: four or five missed)."""
+GNSS_NS: Final[Time] = 5 * NS_PER_S
+_TIMESTAMP: Final = slice(20, 24)
+"""Where a System message has its time (F3411-22a, System message)."""
+_MOST_SLOTS: Final = 4096
+_KINDS: Final = 8
+"""Counters: one per transport, one per message of Bluetooth 4."""
+
+
+@kernel
+def _course_deg(north: NDArray[np.float64], east: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    for i in range(north.shape[0]):
+        degrees = math.atan2(east[i], north[i]) * (180.0 / math.pi)
+        out[i] = degrees + 360.0 if degrees < 0.0 else degrees
+
+
+class Broadcaster:
+    """The Remote ID transmitters of many aircraft. Deep-copyable; an aircraft's broadcasts depend on itself alone."""
+
+    def __init__(self, broadcasts: Sequence[Broadcast], chance: Chance) -> None:
+        """`chance` spreads the aircraft within the second."""
+        self.broadcasts = tuple(broadcasts)
+        count = len(self.broadcasts)
+        cycles = [cycle(broadcast) for broadcast in self.broadcasts]
+        self.cycles: list[Cycle] = sorted(set(cycles), key=repr)
+        numbers = {each: number for number, each in enumerate(self.cycles)}
+        self._cycle = np.array([numbers[each] for each in cycles], dtype=np.int64)
+        self._slot = np.zeros(count, dtype=np.int64)
+        phase = [int(chance.uniform4(PHASE_STREAM, hash64(b.vehicle), 0)[0] * NS_PER_S) for b in self.broadcasts]
+        self._begin_ns = np.array(phase, dtype=np.int64)
+        """When the present cycle began."""
+        self.due_ns: Ints = np.array(
+            [
+                begin + each.slots[0].offset_ns if each.slots else NEVER
+                for begin, each in zip(phase, cycles, strict=True)
+            ],
+            dtype=np.int64,
+        )
+        """(n,) when each sends next."""
+        self._counters = np.zeros((count, 2 * _KINDS), dtype=np.uint8)
+        raw = b"".join(address_of(broadcast.vehicle) for broadcast in self.broadcasts)
+        self.addresses = np.frombuffer(raw, dtype=np.uint8).reshape(count, 6).copy()
+        self._static: dict[int, Bodies] = {
+            int(MessageType.BASIC_ID): rows_of([encode(BasicId(b.id_type, b.ua_type, b.id)) for b in self.broadcasts]),
+            int(MessageType.OPERATOR_ID): rows_of([encode(OperatorId(0, b.operator_id)) for b in self.broadcasts]),
+            int(MessageType.SELF_ID): rows_of([encode(SelfId(DescriptionType.TEXT, b.text)) for b in self.broadcasts]),
+        }
+        self._system = rows_of([encode(_system(b)) for b in self.broadcasts]).copy()
+        self._fixed = np.array([b.operator_place is not None for b in self.broadcasts], dtype=np.bool_)
+        self._takeoff = np.zeros((count, 4))
+        """Latitude, longitude, height of the take-off that System tells of; the last is 1 where it does."""
+
+    def next_due(self) -> Time | None:
+        """When somebody sends next."""
+        due = int(self.due_ns.min(initial=NEVER))
+        return None if due == NEVER else due
+
+    def send(self, now: Time, beliefs: Beliefs) -> tuple[Ints, Payloads] | None:
+        """What is due: places of the aircraft and `rid_up` payloads; None for nothing.
+
+        An aircraft whose autopilot was never heard is not switched on yet, and sends nothing.
+        """
+        table = beliefs.table
+        places: list[Ints] = []
+        payloads: list[Payloads] = []
+        due = np.flatnonzero(self.due_ns <= now)
+        self._take_off(due, table)
+        while due.size:
+            key = self._cycle[due] * _MOST_SLOTS + self._slot[due]
+            for code in np.unique(key).tolist():
+                rows = due[key == code]
+                each = self.cycles[code // _MOST_SLOTS]
+                self._advance(rows, each, now)
+                rows = rows[table["beat_ns"][rows] >= 0]
+                if rows.size:
+                    _, transport, messages = each.slots[code % _MOST_SLOTS]
+                    places.append(rows)
+                    payloads.append(self._frames(rows, transport, messages, now, table))
+            due = np.flatnonzero(self.due_ns <= now)
+        return (np.concatenate(places), Payloads.join(payloads)) if places else None
+
+    def _advance(self, rows: Ints, each: Cycle, now: Time) -> None:
+        """The next slot of those that have just sent; who was left alone for a period does not catch up."""
+        offsets = np.array([part.offset_ns for part in each.slots], dtype=np.int64)
+        slot = (self._slot[rows] + 1) % len(offsets)
+        begin = self._begin_ns[rows] + np.where(slot == 0, each.period_ns, 0)
+        late = now - begin - offsets[slot]
+        begin += np.where(late >= each.period_ns, (late // each.period_ns + 1) * each.period_ns, 0)
+        self._slot[rows], self._begin_ns[rows], self.due_ns[rows] = slot, begin, begin + offsets[slot]
+
+    def _frames(self, rows: Ints, transport: int, messages: tuple[int, ...], now: Time, table: Any) -> Payloads:
+        parts = [self._message(kind, rows, now, table) for kind in messages]
+        single = transport == Transport.BT4
+        bodies = single_rows(parts[0]) if single else pack_rows(parts)
+        column = _KINDS + messages[0] if single else transport
+        counter = self._counters[rows, column].copy()
+        self._counters[rows, column] += 1
+        return link_rows(transport, ANY_CHANNEL, counter, self.addresses[rows], NO_RSSI, now, bodies)
+
+    def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:
+        if kind == MessageType.LOCATION:
+            return locations(table[rows], now)
+        if kind == MessageType.SYSTEM:
+            bodies = self._system[rows]
+            told = table[rows]
+            seconds = np.maximum(utc_us(told, told["boot_ms"]) // 1_000_000 - EPOCH_2019_S, 0)
+            bodies[:, _TIMESTAMP] = seconds.astype("<u4").view(np.uint8).reshape(-1, 4)
+            return bodies
+        return self._static[kind][rows]
+
+    def _take_off(self, rows: Ints, table: Any) -> None:
+        """Where no control station is given, the System message tells where home is, from when it is known."""
+        rows = rows[~self._fixed[rows] & (table["home_ns"][rows] >= 0) & ~np.isnan(table["geoid_m"][rows])]
+        told = table[rows]
+        home = np.column_stack(
+            (told["home_lat_e7"] * 1e-7, told["home_lon_e7"] * 1e-7, told["home_msl_m"] + told["geoid_m"], rows >= 0)
+        )
+        # the receiver's heights waver: half a metre, the resolution, is no other place
+        moved = (np.abs(home - self._takeoff[rows]) > (1e-7, 1e-7, 0.5, 0.5)).any(axis=1)
+        for row, (lat, lon, alt, _) in zip(rows[moved].tolist(), home[moved].tolist(), strict=True):
+            self._takeoff[row] = (lat, lon, alt, 1.0)
+            if abs(lat) <= 90.0 and abs(lon) <= 180.0:
+                self._system[row] = rows_of([encode(System(OperatorLocationType.TAKEOFF, lat, lon, alt))])[0]
+
+    def troubles(self, now: Time, beliefs: Beliefs) -> Ints:
+        """(n,) why each aircraft's Remote ID is not serviceable (14 CFR 89.310(c)): a place in `TROUBLES`."""
+        told = beliefs.table
+        sets = [
+            self.due_ns == NEVER,
+            ~fresh(told["beat_ns"], now, BEAT_NS),
+            ~fresh(told["place_ns"], now, PLACE_NS),
+            ~fresh(told["gnss_ns"], now, GNSS_NS) | (told["fix"] < mav.GPS_FIX_TYPE_3D_FIX),
+            np.isnan(told["geoid_m"]),
+            utc_us(told, told["boot_ms"]) < 0,
+            ~self._fixed & (told["home_ns"] < 0),
+        ]
+        return np.select(sets, range(1, len(TROUBLES)), 0)
+
+
+TROUBLES: Final = (
+    "",
+    "no transmitter",
+    "autopilot silent",
+    "LOC: no position",
+    "LOC: no 3D fix",
+    "LOC: no ellipsoid height",
+    "LOC: no time",
+    "OP_LOC: no operator location",
+)
+"""What OPEN_DRONE_ID_ARM_STATUS says, the first that holds."""
+
+
+def _system(broadcast: Broadcast) -> System:
+    if broadcast.operator_place is None:
+        return System(OperatorLocationType.TAKEOFF)
+    return System(OperatorLocationType.FIXED, *broadcast.operator_place)
+
+
+def locations(told: Any, now: Time) -> Bodies:
+    """(n, 25) Location messages of beliefs (rows of `BELIEF`)."""
+    placed = told["place_ns"] >= 0
+    lost = ~fresh(told["beat_ns"], now, BEAT_NS) | ~fresh(told["place_ns"], now, PLACE_NS)
+    unknown = np.where(placed, 0.0, np.nan)
+    lat, lon = told["lat_e7"] * 1e-7 + unknown, told["lon_e7"] * 1e-7 + unknown
+    east, north = told["vel_e"], told["vel_n"]
+    speed = np.sqrt(east * east + north * north)
+    course = np.empty(len(told))
+    _course_deg(north, east, course)
+    utc = utc_us(told, told["boot_ms"])
+    hour_s = (utc % 3_600_000_000) * 1e-6
+    return encode_locations(
+        status=_status(told, lost),
+        lat_deg=lat,
+        lon_deg=lon,
+        alt_geo_m=told["alt_msl_m"] + told["geoid_m"] + unknown,
+        height_m=told["above_home_m"] + unknown,
+        speed_mps=speed + unknown,
+        vertical_mps=-told["vel_d"] + unknown,
+        track_deg=np.where(speed >= 0.125, course, np.nan) + unknown,  # half a step of the speed: no course at rest
+        horizontal_accuracy=_code(values.HORIZONTAL_ACCURACY_M, told["place_acc_m"]),
+        vertical_accuracy=_code(values.VERTICAL_ACCURACY_M, told["up_acc_m"]),
+        speed_accuracy=_code(values.SPEED_ACCURACY_MPS, told["speed_acc_mps"]),
+        timestamp_accuracy=np.where(utc >= 0, 1, 0),  # 0.1 s, the resolution: its clock is set by GNSS
+        timestamp_s=np.where((utc >= 0) & placed, hour_s, np.nan),
+    )
+
+
+def _status(told: Any, lost: NDArray[np.bool_]) -> Ints:
+    """Status: a failsafe (MAV_STATE_CRITICAL) or worse of an armed aircraft is an emergency; ACTIVE is in the air."""
+    armed = told["armed"] == 1
+    status = np.where(armed & (told["state"] >= mav.MAV_STATE_ACTIVE), Status.AIRBORNE, Status.GROUND)
+    status = np.where(armed & (told["state"] >= mav.MAV_STATE_CRITICAL), Status.EMERGENCY, status)
+    return np.where(lost, Status.REMOTE_ID_SYSTEM_FAILURE, status)
+
+
+def _code(table: tuple[float | None, ...], error: NDArray[np.float64]) -> Ints:
+    """`values.accuracy_code` of many."""
+    code = np.zeros(len(error), dtype=np.int64)
+    for place, limit in enumerate(table):
+        if limit is not None:
+            code[error < limit] = place
+    return code

@@ -1,0 +1,240 @@
+"""Whom does a receiver hear? Tracks from received Remote ID broadcasts, for many receivers at once.
+
+A track stands for one claimed identifier from one sender address. Nothing in it is true for certain: it is what
+somebody broadcast. So it is bounded (a flood of invented aircraft displaces the weakest only), it is forgotten when no
+more is heard, and what no aircraft can say is marked and kept out of avoidance.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.payloads import Ints
+from skyrange.agent.refs import NO_REF
+from skyrange.codec.f3411 import Status, values
+from skyrange.codec.f3411_columns import LocationColumns
+from skyrange.codec.rid_link import RidColumns
+from skyrange.core.compiled import kernel
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_S, Time, from_seconds
+
+Floats = NDArray[np.float64]
+
+STALE_S: Final = 10.0
+"""A track is dropped when nothing was heard for so long: ten broadcasts of an aircraft that sends at 1 Hz."""
+MOST: Final = 64
+"""Tracks a receiver holds at once."""
+
+TRACK: Final = np.dtype(
+    [
+        ("heard_ns", "i8"),  # last message of any kind; -1: the place is free
+        ("located_ns", "i8"),  # last Location; -1 none
+        ("address", "i8"),  # 48 bits
+        ("id_a", "u8"), ("id_b", "u8"), ("id_c", "u8"),  # 20 bytes of text and 4 zeros
+        ("east", "f8"), ("north", "f8"), ("up", "f8"),  # as broadcast, m; NaN unknown
+        ("ve", "f8"), ("vn", "f8"), ("vu", "f8"),  # m/s; NaN unknown
+        ("rssi_dbm", "f8"),  # NaN unknown
+        ("status", "i8"), ("transport", "i8"),
+        ("odd", "i8"),  # 1: the last Location said something impossible
+        ("ref", "i8"), ("serial", "i8"),  # the frame of that Location (`agent.refs`)
+    ]
+)  # fmt: skip
+"""One track, in the table's own units."""
+
+
+class Seen(NamedTuple):
+    """The tracks of one receiver at one time: k rows in the order of `slot`."""
+
+    slot: Ints
+    """Where each stands in the receiver's table."""
+    uas_id: NDArray[np.bytes_]
+    """(k,) S20; b"" where no Basic ID was heard."""
+    address: Ints
+    pos_enu_m: Floats
+    """(k, 3) as of now, at the velocity that was broadcast; an unknown height is NaN."""
+    vel_enu_mps: Floats
+    """(k, 3), 0 where unknown."""
+    age_s: Floats
+    """Since the last Location was received."""
+    rssi_dbm: Floats
+    """NaN where unknown."""
+    status: Ints
+
+
+class Heard(NamedTuple):
+    """Received broadcasts, one per row, as `TrackTable.update` takes them."""
+
+    receiver: Ints
+    """Which of the table's receivers."""
+    at_ns: Ints
+    """End of reception."""
+    rid: RidColumns
+    said: LocationColumns
+    ref: Ints
+    serial: Ints
+    """Which frame it was (`agent.refs.RefBook`)."""
+
+
+@kernel
+def _slot(
+    rows: Any, r: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int, rssi: float
+) -> int:
+    """Where a broadcast belongs: its own track's place, a free one, or that of the weakest; -1 none is weaker."""
+    free, nameless, same, weakest = -1, -1, -1, -1
+    for k in range(rows.shape[1]):
+        row = rows[r, k]
+        if row.heard_ns < 0 or now - row.heard_ns > stale_ns:
+            if free < 0:
+                free = k
+            continue
+        if row.address == address:
+            if named and row.id_a == a and row.id_b == b and row.id_c == c:
+                return k
+            if row.id_a == 0 and row.id_b == 0 and row.id_c == 0:
+                nameless = k
+            if same < 0 or row.heard_ns > rows[r, same].heard_ns:
+                same = k
+        level = -math.inf if math.isnan(row.rssi_dbm) else row.rssi_dbm
+        if weakest < 0 or level < (-math.inf if math.isnan(rows[r, weakest].rssi_dbm) else rows[r, weakest].rssi_dbm):
+            weakest = k
+    found = nameless if named else same
+    if found >= 0:
+        return found
+    if free >= 0:
+        rows[r, free].heard_ns = -1
+        return free
+    level = -math.inf if math.isnan(rows[r, weakest].rssi_dbm) else rows[r, weakest].rssi_dbm
+    if rssi > level:
+        rows[r, weakest].heard_ns = -1
+        return weakest
+    return -1
+
+
+@kernel
+def _take(
+    rows: Any, counts: Ints, stale_ns: int, receiver: Ints, at_ns: Ints, address: Ints, named: NDArray[np.bool_],
+    ids: NDArray[np.uint64], located: NDArray[np.bool_], place: Floats, rssi: Floats, status: NDArray[np.uint8],
+    transport: NDArray[np.uint8], odd: NDArray[np.bool_], ref: Ints, serial: Ints,
+) -> None:  # fmt: skip
+    """Write broadcasts into tracks, in order; `counts` (n, 3) are refused, displaced and odd ones by receiver."""
+    for i in range(receiver.shape[0]):
+        r = receiver[i]
+        full = 0
+        for k in range(rows.shape[1]):
+            full += 1 if rows[r, k].heard_ns >= 0 and at_ns[i] - rows[r, k].heard_ns <= stale_ns else 0
+        k = _slot(
+            rows, r, at_ns[i], stale_ns, address[i], named[i], ids[i, 0], ids[i, 1], ids[i, 2],
+            -math.inf if math.isnan(rssi[i]) else rssi[i],
+        )  # fmt: skip
+        if k < 0:
+            counts[r, 0] += 1
+            continue
+        row = rows[r, k]
+        if row.heard_ns < 0:
+            if full == rows.shape[1]:
+                counts[r, 1] += 1
+            row.located_ns = -1
+            row.address = address[i]
+            row.id_a = row.id_b = row.id_c = 0
+            row.odd = 0
+        if named[i]:
+            row.id_a, row.id_b, row.id_c = ids[i, 0], ids[i, 1], ids[i, 2]
+        row.heard_ns = at_ns[i]
+        row.rssi_dbm = rssi[i]
+        row.transport = transport[i]
+        if located[i]:
+            row.located_ns = at_ns[i]
+            row.east, row.north, row.up = place[i, 0], place[i, 1], place[i, 2]
+            row.ve = row.vn = 0.0  # who stands has no course, and needs none
+            if place[i, 3] != 0.0:
+                row.ve, row.vn = place[i, 3] * math.sin(place[i, 4]), place[i, 3] * math.cos(place[i, 4])
+            row.vu = place[i, 5]
+            row.status = status[i]
+            row.odd = 1 if odd[i] else 0
+            row.ref, row.serial = ref[i], serial[i]
+            if odd[i]:
+                counts[r, 2] += 1
+
+
+class TrackTable:
+    """The tracks of `count` receivers. One receiver's never depend on what others hear. Deep-copyable."""
+
+    def __init__(self, count: int, origin: Origin, most: int = MOST, stale_s: float = STALE_S) -> None:
+        """`origin`, with its geoid, is where local metres are counted from; `most` tracks per receiver."""
+        self.origin = origin
+        self.stale_ns: Time = from_seconds(stale_s)
+        self.rows: NDArray[Any] = np.zeros((count, most), dtype=TRACK)
+        """(count, most)."""
+        self.rows["heard_ns"] = -1
+        self.rows["located_ns"] = -1
+        self.rows["ref"] = NO_REF
+        self.counts: Ints = np.zeros((count, 3), dtype=np.int64)
+        """(count, 3): broadcasts refused for want of room, tracks displaced by stronger ones, impossible Locations."""
+
+    def update(self, heard: Heard) -> None:
+        """Take in broadcasts, in order; rows that are bad or say neither who nor where are passed over."""
+        said, rid = heard.said, heard.rid
+        keep = np.flatnonzero(rid.good & (said.found | said.has_id))
+        if not keep.size:
+            return
+        address = np.zeros(len(keep), dtype=np.int64)
+        for byte in range(6):
+            address = address << 8 | rid.address[keep, byte]
+        ids = np.zeros((len(keep), 24), dtype=np.uint8)
+        ids[:, :20] = np.ascontiguousarray(said.uas_id[keep]).view(np.uint8).reshape(-1, 20)
+        rssi = np.where(rid.rssi_cdbm[keep] == -32768, np.nan, rid.rssi_cdbm[keep] * 0.01)
+        odd = impossible(said)[keep]
+        _take(
+            self.rows, self.counts, self.stale_ns, heard.receiver[keep], heard.at_ns[keep], address,
+            said.has_id[keep], ids.view(np.uint64), said.found[keep], self._local(said, keep), rssi,
+            said.status[keep], rid.transport[keep], odd, heard.ref[keep], heard.serial[keep],
+        )  # fmt: skip
+
+    def _local(self, said: LocationColumns, keep: Ints) -> Floats:
+        """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN where unknown."""
+        out = np.empty((len(keep), 6))
+        lat, lon = said.lat_deg[keep], said.lon_deg[keep]
+        lat = np.where(np.abs(lat) <= 90.0, lat, np.nan)
+        out[:, 0], out[:, 1] = self.origin.to_enu(lat, lon)
+        out[:, 2] = said.alt_geo_m[keep] - self.origin.geoid_m - self.origin.alt_msl_m
+        out[:, 3], out[:, 4] = said.speed_mps[keep], said.track_deg[keep] * (math.pi / 180.0)
+        out[:, 5] = said.vertical_mps[keep]
+        return out
+
+    def live(self, receiver: int, now: Time) -> NDArray[np.bool_]:
+        """(most,) which places hold a track that is not stale."""
+        heard = self.rows["heard_ns"][receiver]
+        held: NDArray[np.bool_] = (heard >= 0) & (now - heard <= self.stale_ns)
+        return held
+
+    def seen(self, receiver: int, now: Time, odd: bool = False) -> Seen:
+        """The tracks whose place is known; with `odd`, also those that said something impossible."""
+        rows = self.rows[receiver]
+        good = self.live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
+        good &= ~np.isnan(rows["east"])
+        if not odd:
+            good &= rows["odd"] == 0
+        slot = np.flatnonzero(good)
+        rows = rows[slot]
+        age_s = np.maximum(now - rows["located_ns"], 0) / NS_PER_S
+        velocity = np.nan_to_num(np.column_stack((rows["ve"], rows["vn"], rows["vu"])))
+        place = np.column_stack((rows["east"], rows["north"], rows["up"])) + velocity * age_s[:, None]
+        return Seen(slot, _texts(rows), rows["address"], place, velocity, age_s, rows["rssi_dbm"], rows["status"])
+
+
+def impossible(said: LocationColumns) -> NDArray[np.bool_]:
+    """(n,) whether a Location says what none can: see `f3411.faults`; a saturated speed (254.25 m/s) is among it."""
+    odd = (np.abs(said.lat_deg) > 90.0) | (np.abs(said.lon_deg) > 180.0)
+    odd |= said.status > Status.REMOTE_ID_SYSTEM_FAILURE
+    odd |= (said.speed_mps >= values.SPEED_MAX_MPS) | (np.abs(said.vertical_mps) >= values.VERTICAL_MAX_MPS)
+    odd |= (said.track_deg >= 360.0) | (said.timestamp_s > values.TIME_MAX_S)
+    return odd & said.found
+
+
+def _texts(rows: NDArray[Any]) -> NDArray[np.bytes_]:
+    raw = np.column_stack((rows["id_a"], rows["id_b"], rows["id_c"])).astype(np.uint64)
+    return np.ascontiguousarray(raw).view("S24")[:, 0].astype("S20") if len(rows) else np.zeros(0, dtype="S20")

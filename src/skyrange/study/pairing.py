@@ -1,0 +1,232 @@
+"""What did an attack change? The same scenario flown with it and without it, compared in one folder.
+
+Arms: *attacked* is the scenario as it is; *nominal* has every attack present and muted; *sham* has every attack send as
+much, from the same place at the same times, with benign content. Each arm is a run of its own, in its own process.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.core.errors import ComponentError, InputError, ShortfallError
+from skyrange.record import RunRecord, load
+from skyrange.runtime.run import free_folder
+from skyrange.scenario.catalogue import load as load_scenario
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.wire import wire
+from skyrange.study.effects import CHANGES, DEPARTED_M, MEASURES, effect_rows, effects_table
+from skyrange.study.parallel import OnShare, fly_all
+from skyrange.study.separation import NEAR_M
+from skyrange.study.spread import Interval, interval
+from skyrange.study.tracing import effects_of, labels_table, trace
+
+FORMAT: Final = "skyrange.pair/1"
+MANIFEST: Final = "pair.json"
+ARMS: Final = ("nominal", "attacked", "sham")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The folder of a pair, opened. `manifest` is its `pair.json`."""
+
+    path: Path
+    manifest: Mapping[str, Any]
+
+    @property
+    def seeds(self) -> list[int]:
+        """Of each repetition, in order."""
+        return list(self.manifest["seeds"])
+
+    @property
+    def arms(self) -> list[str]:
+        """Which were flown: nominal, attacked, perhaps sham."""
+        return list(self.manifest["arms"])
+
+    @property
+    def reference(self) -> str:
+        """The arm that effects are against first: sham where there is one, else nominal."""
+        return "sham" if "sham" in self.arms else "nominal"
+
+    def run(self, arm: str, seed: int | None = None) -> RunRecord:
+        """The record of one arm of one seed, the first by default. `InputError` for one that was not flown."""
+        seed = self.seeds[0] if seed is None else seed
+        if arm not in self.arms or seed not in self.seeds:
+            expected = f"one of {', '.join(self.arms)} with a seed of {', '.join(map(str, self.seeds))}"
+            raise InputError.one(str(self.path), "run", f"{arm}, seed {seed}", expected)
+        return load(self.path / folder_of(arm, seed, self.seeds))
+
+    @property
+    def effects(self) -> pa.Table:
+        """`effects.parquet`."""
+        return pq.read_table(self.path / "effects.parquet")
+
+    @property
+    def labels(self) -> pa.Table:
+        """`labels.parquet`."""
+        return pq.read_table(self.path / "labels.parquet")
+
+    def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
+        """By aircraft and measure, the mean effect over the seeds and its 95 % interval (`study.spread`)."""
+        return intervals(self.effects.to_pylist(), against or self.reference)
+
+    @property
+    def report(self) -> Path:
+        """The comparison page."""
+        return self.path / "report.html"
+
+
+def pair(
+    scenario: Scenario | str | Path,
+    out: str | Path | None = None,
+    *,
+    sham: bool = False,
+    seeds: int = 1,
+    jobs: int = 2,
+    seed: int | None = None,
+    buildings: str | Path | None = None,
+    changes: Sequence[str] = (),
+    near_m: float = NEAR_M,
+    threshold_m: float = DEPARTED_M,
+    on_progress: OnShare | None = None,
+) -> Pair:
+    """Fly a scenario with its attacks, and muted; the Python spelling of `skyrange pair`.
+
+    `scenario`, `seed`, `buildings` and `changes` as in `skyrange.run`. `out` defaults to the first free one of
+    `runs/NAME-pair`, `runs/NAME-pair-2` … With `sham` there is a third arm. `seeds` repeats it all with as many seeds,
+    counted up from the scenario's. `jobs` runs fly at once. Raises `InputError` for a scenario whose attacks are all
+    muted or none, before anything is written; `ComponentError` where a run failed and `ShortfallError` after Ctrl-C,
+    with what was flown left in the folder.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
+    elif seed is not None or buildings is not None or changes:
+        raise TypeError("seed, buildings and changes apply to a scenario's name or file; a Scenario holds its own")
+    for name, value in (("seeds", seeds), ("jobs", jobs)):
+        if value < 1:
+            raise InputError.one("pair", name, value, "1 or more")
+    if all(attack.muted for attack in scenario.attacks):
+        what = "all muted" if scenario.attacks else "none"
+        raise InputError.one(f"scenario {scenario.name}", "attacks", what, "an attack that acts, to compare with")
+    names = [arm for arm in ARMS if sham or arm != "sham"]
+    wire(scenario)  # what is wrong is said here, before there is a folder
+    folder = _fresh(Path(out).expanduser() if out is not None else free_folder(f"{scenario.name}-pair"))
+    numbers = [scenario.seed + k for k in range(seeds)]
+    flights = [(arm, number) for number in numbers for arm in names]
+    flown = fly_all(
+        [(arm_of(scenario, arm, number), folder / folder_of(arm, number, numbers)) for arm, number in flights],
+        jobs,
+        on_progress,
+    )
+    manifest = {
+        "format": FORMAT,
+        "name": scenario.name,
+        "arms": names,
+        "seeds": numbers,
+        "near_m": near_m,
+        "threshold_m": threshold_m,
+        "status": "complete" if not any(one.code for one in flown) else "failed",
+        "runs": [
+            {"arm": arm, "seed": number, "folder": folder_of(arm, number, numbers), "error": one.words or None}
+            for (arm, number), one in zip(flights, flown, strict=True)
+        ],
+    }
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    worst = max(flown, key=lambda one: one.code)
+    if worst.code == ShortfallError.exit_code:
+        raise ShortfallError(f"interrupted; what was flown is in {folder}", folder)
+    if worst.code:
+        at = flown.index(worst)
+        raise ComponentError(f"run {flights[at][0]}, seed {flights[at][1]}", worst.words)
+    made = Pair(folder, manifest)
+    _compare(made, near_m, threshold_m)
+    return made
+
+
+def load_pair(path: Path | str) -> Pair:
+    """Open a pair's folder. `InputError` where it is none."""
+    folder = Path(path).expanduser()
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError.one(str(folder), MANIFEST, str(error), "the folder of a pair") from None
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise InputError.one(str(folder), MANIFEST, "another format", FORMAT)
+    return Pair(folder, manifest)
+
+
+def arm_of(scenario: Scenario, arm: str, seed: int) -> Scenario:
+    """The scenario of one arm."""
+    change = {"nominal": {"muted": True}, "sham": {"sham": True}, "attacked": {}}[arm]
+    attacks = tuple(attack.model_copy(update=change) for attack in scenario.attacks)
+    return scenario.model_copy(update={"attacks": attacks, "seed": seed})
+
+
+def folder_of(arm: str, seed: int, seeds: Sequence[int]) -> str:
+    """Where a run lies in its pair's folder."""
+    return arm if len(seeds) == 1 else f"seed-{seed}/{arm}"
+
+
+def intervals(rows: Sequence[Mapping[str, Any]], against: str) -> dict[str, dict[str, Interval]]:
+    """By aircraft and measure, the mean over seeds of `effects` rows against one twin."""
+    samples: dict[str, dict[str, list[float]]] = {}
+    for row in rows:
+        if row["against"] != against:
+            continue
+        own = samples.setdefault(row["vehicle"], {})
+        for name in MEASURES:
+            if row[name] is not None:
+                own.setdefault(name, []).append(row[name])
+        for name in CHANGES:
+            stem, _, unit = name.rpartition("_")
+            twin = row[f"{stem}_twin_{unit}" if unit == "m" else f"{name}_twin"]
+            if row[name] is not None and twin is not None:
+                own.setdefault(name, []).append(row[name] - twin)
+    return {
+        vehicle: {name: found for name, values in own.items() if (found := interval(values)) is not None}
+        for vehicle, own in samples.items()
+    }
+
+
+def _fresh(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        taken = next(folder.iterdir(), None)
+    except OSError as error:
+        raise InputError.one("output", str(folder), error.strerror or str(error), "a folder that can be made") from None
+    if taken is not None:
+        hint = "Choose another folder, or move that one away."
+        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
+    return folder
+
+
+def _compare(made: Pair, near_m: float, threshold_m: float) -> None:
+    """Write effects, labels and the report of runs that are all flown."""
+    effects: list[dict[str, Any]] = []
+    labels: list[dict[str, Any]] = []
+    for seed in made.seeds:
+        attacked = made.run("attacked", seed)
+        traced = trace(attacked, seed)
+        for against in [arm for arm in made.arms if arm != "attacked"]:
+            rows = effect_rows(seed, against, (attacked, made.run(against, seed)), near_m, threshold_m)
+            effects += rows
+            if against == "nominal":
+                labels += traced + effects_of(traced, rows)
+    _write(effects_table(effects), made.path / "effects.parquet")
+    _write(labels_table(labels), made.path / "labels.parquet")
+    from skyrange.study.report.comparison import write_comparison
+
+    write_comparison(made, made.report)
+
+
+def _write(table: pa.Table, path: Path) -> None:
+    draft = path.with_name(path.name + ".part")
+    pq.write_table(table, draft)
+    os.replace(draft, path)

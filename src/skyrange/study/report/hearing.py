@@ -1,0 +1,77 @@
+"""Where were the hostile broadcasts heard, how strong, and who hears whom? A map and a table of receptions."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from html import escape
+
+import numpy as np
+
+from skyrange.study import svg
+from skyrange.study.ground import ground_of
+from skyrange.study.receptions import Receptions, who_heard_whom
+from skyrange.study.report import words
+from skyrange.study.subject import Subject
+from skyrange.study.svg import Figure, number
+from skyrange.study.twins import Place, spot
+
+MOST_DOTS = 4_000
+MOST_PAIRS = 300
+
+_STEPS_DBM = (-95.0, -85.0, -75.0, -65.0)
+_COLOURS = ("#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#f7d13d")
+"""Weak to strong, after the magma map of matplotlib (public domain), which also reads in grey."""
+
+
+def hearing_map(subject: Subject, heard: Receptions, senders: Collection[str], places: Mapping[str, Place]) -> Figure:
+    """A dot where a receiver was when a broadcast of `senders` reached it, coloured by its strength; hollow where it
+    was not decoded.
+    """
+    own = heard.of(senders)
+    ground = ground_of([own.enu_m, *(np.array([place]) for place in places.values())], subject.city, 760.0)
+    body = [ground.buildings()]
+    rows = np.unique(np.linspace(0, len(own) - 1, min(len(own), MOST_DOTS)).astype(np.int64))
+    for row in rows:
+        x, y = ground.pixels(own.enu_m[row : row + 1])[0].tolist()
+        colour = _COLOURS[int(np.searchsorted(_STEPS_DBM, own.rssi_dbm[row]))]
+        fill = f'fill="{colour}"' if own.decoded[row] else f'fill="none" stroke="{colour}"'
+        who = f"{own.receiver[row]} hears {own.sender[row]}"
+        said = f"{who} at {own.rssi_dbm[row]:.0f} dBm, {own.time_ns[row] * 1e-9:.1f} s"
+        body.append(f'<circle cx="{number(x)}" cy="{number(y)}" r="3.4" {fill}><title>{escape(said)}</title></circle>')
+    body += [spot(ground, name, place) for name, place in places.items()]
+    body += [ground.legend(), _key()]
+    title = f"Where the attackers were heard in {subject.name}"
+    return Figure(svg.document(ground.width, ground.height, title, body), title)
+
+
+def hearing_table(heard: Receptions) -> str:
+    """Who heard whom."""
+    rows = who_heard_whom(heard)
+    table = words.table(
+        "Who heard whom",
+        ["sender", "receiver"],
+        ["decoded", "of", "median", "strongest"],
+        (
+            f"<tr><th scope=row>{escape(row['sender'])}</th><td>{escape(row['receiver'])}</td>"
+            + words.cells(
+                words.count(row["decoded"]),
+                words.count(row["of"]),
+                words.quantity(row["median_dbm"], "dBm", 0),
+                words.quantity(row["most_dbm"], "dBm", 0),
+            )
+            + "</tr>"
+            for row in rows[:MOST_PAIRS]
+        ),
+        "tall",
+    )
+    cut = f"<p class=note>The first {MOST_PAIRS} of {len(rows)} pairs.</p>" if len(rows) > MOST_PAIRS else ""
+    return table + cut
+
+
+def _key() -> str:
+    names = ["< −95", *(f"≥ {step:.0f}".replace("-", "−") for step in _STEPS_DBM)]
+    parts = []
+    for place, (name, colour) in enumerate(zip(names, _COLOURS, strict=True)):
+        x = 14 + place * 58
+        parts.append(f'<circle cx="{number(x)}" cy="14" r="4" fill="{colour}"/>' + svg.text(x + 7, 18, name, "start"))
+    return "".join(parts)

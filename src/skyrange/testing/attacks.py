@@ -1,0 +1,237 @@
+"""Does an attack keep its contract? (`skyrange.attack.contract`) It is flown: without it, muted, live, sham, forked."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from skyrange.agent.links import AttackPlan, Schedule
+from skyrange.attack.contract import Attack, AttackKind
+from skyrange.core.errors import SkyrangeError
+from skyrange.core.time import NS_PER_S, Time, from_seconds
+from skyrange.kernel import Kernel
+from skyrange.record import MemoryObserver
+from skyrange.scenario.schema import Operator as Owner
+from skyrange.scenario.schema import Origin, Scenario, Start, Vehicle, square
+from skyrange.scenario.wire import setting_of, wire
+from skyrange.testing.rules import Broken, RuleBook, need, same, short
+
+ID = "checked"
+"""The attack's id while it is checked."""
+Row = tuple[Any, ...]
+
+ATTACK: RuleBook[AttackCase] = RuleBook("attack")
+
+
+def two_squares(duration_s: float) -> Scenario:
+    """Two aircraft of two operators that fly squares: what an attack is checked on, unless told otherwise."""
+    fleets = {"blue": ("b1", Start()), "green": ("g1", Start(east_m=40.0))}
+    operators = tuple(
+        Owner(id=name, vehicles=(Vehicle(id=vehicle, start=start, plan=square(10, 8)),))
+        for name, (vehicle, start) in fleets.items()
+    )
+    origin = Origin(lat=-35.363328, lon=149.1652241)
+    return Scenario(name="checked", seed=7, duration_s=duration_s, origin=origin, operators=operators)
+
+
+@dataclass
+class Flight:
+    """What one run showed, and whose links were the attack's own."""
+
+    seen: MemoryObserver
+    own: frozenset[str]
+
+    def frames(self, own: bool = True) -> list[Row]:
+        """Every frame in canonical order; without those on the attack's links where `own` is false."""
+        rows = [
+            (f.sent_ns, *f.id, f.src, f.dst, f.arrived_ns, str(f.fate), f.payload, f.parent, f.causes)
+            for f in self.seen.frames
+            if own or f.link not in self.own
+        ]
+        return sorted(rows, key=lambda row: row[:5])
+
+    def truth(self) -> list[Row]:
+        """Every tick with the bits of its columns."""
+        return [(t.time_ns, *((name, values.tobytes()) for name, values in t.columns.items())) for t in self.seen.truth]
+
+    def notes(self) -> list[Row]:
+        """What was noted, but for the attack's beginning and end."""
+        rows = [(n.time_ns, n.source, n.note.kind, n.note.about, str(n.note.data)) for n in self.seen.notes]
+        return [row for row in rows if row[1] != "kernel"]
+
+    def labels(self) -> list[Row]:
+        """Every act."""
+        return [tuple(label) for label in self.seen.labels]
+
+
+@dataclass
+class AttackCase:
+    """An attack to be checked: its kind and parameters, on which scenario, from when until when it acts."""
+
+    kind: AttackKind
+    params: Mapping[str, Any]
+    scenario: Scenario
+    start_ns: Time
+    stop_ns: Time
+    acts: bool
+    _flown: dict[str, Flight] = field(default_factory=dict)
+
+    def made(self, sham: bool = False) -> tuple[Attack, Schedule]:
+        """A fresh attack and its schedule."""
+        rig = wire(self.scenario)
+        schedule = Schedule()
+        setting = replace(setting_of(rig.scenario, rig.wiring.links), id=ID, schedule=schedule, sham=sham)
+        try:
+            attack = self.kind(self.kind.params.model_validate(dict(self.params)), setting)
+        except SkyrangeError:
+            raise
+        except Exception as error:
+            raise Broken(f"raised {error!r} when it was made", "an Attack", "makes") from error
+        need(isinstance(attack, Attack), f"made {short(attack)}", "an Attack")
+        return attack, schedule
+
+    def kernel(self, present: bool = True, muted: bool = False, sham: bool = False) -> tuple[Kernel, Flight]:
+        """A run before its first instant."""
+        wiring = wire(self.scenario).wiring
+        own: frozenset[str] = frozenset()
+        if present:
+            attack, schedule = self.made(sham)
+            plan = AttackPlan(
+                ID, self.start_ns, self.stop_ns, muted, attack.agents, attack.faults, schedule=schedule
+            )  # fmt: skip
+            taps = [replace(tap, attack=ID) for tap in attack.taps]
+            wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, attacks=[plan])
+            own = frozenset(spec.name for spec in attack.links)
+        seen = MemoryObserver()
+        return Kernel(wiring, [seen]), Flight(seen, own)
+
+    def fly(self, **how: bool) -> Flight:
+        """A whole run; each kind is flown once."""
+        name = str(sorted(how.items()))
+        if name not in self._flown:
+            kernel, flight = self.kernel(**how)
+            kernel.advance(from_seconds(self.scenario.duration_s))
+            kernel.finish()
+            self._flown[name] = flight
+        return self._flown[name]
+
+
+def check_attack(
+    kind: AttackKind,
+    params: Mapping[str, Any],
+    *,
+    scenario: Callable[[float], Scenario] = two_squares,
+    start_s: float = 3.0,
+    stop_s: float = 7.0,
+    duration_s: float = 9.0,
+    acts: bool = True,
+) -> None:
+    """Check that attacks of `kind` with `params` keep every rule of `ATTACK`.
+
+    It is flown on `scenario(duration_s)`, a scenario without attacks, and acts from `start_s` until `stop_s`. `acts`
+    says whether it can be expected to do anything there. Raises `NonConformance` at the first broken rule.
+    """
+    times = from_seconds(start_s), from_seconds(stop_s)
+    ATTACK.check(f"attack {kind.params.__name__}", AttackCase(kind, params, scenario(duration_s), *times, acts))
+
+
+@ATTACK.rule("described", "Describes each of its parameters, and says in a sentence what it does.")
+def _described(case: AttackCase) -> None:
+    for name, info in case.kind.params.model_fields.items():
+        need(bool(info.description), f"says nothing about its parameter {name}", "a description of each")
+    need(case.kind.about.endswith("."), f"says {case.kind.about!r}", "a sentence")
+
+
+@ATTACK.rule("makes", "Makes an Attack of its parameters and a setting; no two share anything.")
+def _makes(case: AttackCase) -> None:
+    (first, _), (second, _) = case.made(), case.made()
+    for mine, other in zip(first.agents, second.agents, strict=True):
+        need(mine is not other, f"gave {mine.name} to two attacks", "agents of its own for each")
+
+
+@ATTACK.rule("named", "Names its agents and links after its id, so that two attacks of a kind go together.")
+def _named(case: AttackCase) -> None:
+    attack, _ = case.made()
+    names = [agent.name for agent in attack.agents] + [fault.name for fault in attack.faults]
+    names += [spec.name.partition(":")[2] for spec in attack.links]
+    for name in names:
+        need(name == ID or name.startswith(f"{ID}."), f"is called {name!r}", f"{ID!r} or {ID + '.'!r} and more")
+
+
+@ATTACK.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")
+def _muted(case: AttackCase) -> None:
+    without, muted = case.fly(present=False), case.fly(muted=True)
+    expected = "a run that is the same to the byte"
+    same(without.frames(), muted.frames(own=False), "frames without it and with it muted", expected)
+    same(without.truth(), muted.truth(), "truth without it and with it muted", expected)
+    same(without.notes(), muted.notes(), "notes without it and with it muted", expected)
+    same([], muted.labels(), "labels while it is muted", "none")
+
+
+@ATTACK.rule("onset", "Until it starts, leaves everything as its muted twin does.")
+def _onset(case: AttackCase) -> None:
+    live, muted = case.fly(), case.fly(muted=True)
+    for what, rows, others in (
+        ("frames", live.frames(), muted.frames()),
+        ("truth", live.truth(), muted.truth()),
+        ("notes", live.notes(), muted.notes()),
+    ):
+        before, twin = ([row for row in each if row[0] < case.start_ns] for each in (rows, others))
+        if what == "frames":  # fates may be met later
+            before, twin = ([row[:7] + row[9:] for row in each] for each in (before, twin))
+        same(twin, before, f"{what} before the onset, of the twin and of the attacked run", "the same to the byte")
+
+
+@ATTACK.rule("acts", "Acts between its start and its stop, and not outside.")
+def _acts(case: AttackCase) -> None:
+    labels = case.fly().labels()
+    need(bool(labels) or not case.acts, "did nothing", "an act between its start and its stop")
+    for label in labels:
+        need(case.start_ns <= label[0] < case.stop_ns, f"acted at {label[0]}", f"{case.start_ns}…{case.stop_ns}")
+
+
+@ATTACK.rule("repeatable", "Does the same in two fresh runs.")
+def _repeatable(case: AttackCase) -> None:
+    first = case.fly()
+    kernel, second = case.kernel()
+    kernel.advance(from_seconds(case.scenario.duration_s))
+    kernel.finish()
+    _alike(first, second, "two fresh runs")
+
+
+@ATTACK.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")
+def _copies(case: AttackCase) -> None:
+    straight = case.fly()
+    kernel, trunk = case.kernel()
+    kernel.advance((case.start_ns + case.stop_ns) // 2 + NS_PER_S // 7)
+    try:
+        seen = copy.deepcopy(trunk.seen)
+        twin = kernel.fork([seen])
+    except Exception as error:
+        raise Broken(f"cannot be deep-copied: {error!r}", "state without generators, closures and handles") from error
+    for each in (twin, kernel):
+        each.advance(from_seconds(case.scenario.duration_s))
+        each.finish()
+    _alike(straight, Flight(seen, trunk.own), "the straight run and the fork")
+    _alike(straight, trunk, "the straight run and the one that was forked")
+
+
+@ATTACK.rule("sham", "As a sham, acts as often, at the same times, on the same links, with as many bytes.")
+def _sham(case: AttackCase) -> None:
+    live, sham = case.fly(), case.fly(sham=True)
+    expected = "the same times, links and sizes as the attack itself"
+    same(_acted(live), _acted(sham), "acts of the attack and of its sham", expected)
+
+
+def _acted(flight: Flight) -> list[Row]:
+    """When each act was, what, on which link, and how many bytes it put there."""
+    sizes = {frame.id: len(frame.payload) for frame in flight.seen.frames}
+    return [(la.at_ns, la.action, la.frame.link, sizes.get(la.child or la.frame)) for la in flight.seen.labels]
+
+
+def _alike(first: Flight, second: Flight, what: str) -> None:
+    for name in ("frames", "truth", "notes", "labels"):
+        rows: Sequence[Row] = getattr(first, name)()
+        same(rows, getattr(second, name)(), f"{name} of {what}", "the same to the byte")

@@ -1,0 +1,98 @@
+"""Who is on a conflict course? When one moving aircraft enters the cylinder around another.
+
+Both fly straight on. In the plane |r + v·t| < R is a quadratic in t, upwards |z + w·t| < H is linear; a conflict is
+where both hold (a cylinder as in the well-clear volumes of RTCA DO-365 and NASA's DAIDALUS, by distance alone). Who
+is inside already and getting farther is no conflict: to go on is the way out.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.avoidance.contract import Limits, Tracks, Vector
+
+NO_ENTRY = math.inf
+
+
+@kernel
+def entry_s(
+    rx: float, ry: float, rz: float, vx: float, vy: float, vz: float, radius: float, half_height: float
+) -> float:
+    """When something at `r` m, moving at `v` m/s, both relative to oneself, enters: seconds, inf for never."""
+    a = vx * vx + vy * vy
+    b = rx * vx + ry * vy
+    c = rx * rx + ry * ry - radius * radius
+    begin, end = 0.0, math.inf
+    if a > 1e-12:
+        root = b * b - a * c
+        if root <= 0.0:
+            return math.inf
+        root = math.sqrt(root)
+        begin, end = (-b - root) / a, (-b + root) / a
+    elif c >= 0.0:
+        return math.inf
+    up_begin, up_end = 0.0, math.inf
+    if abs(vz) > 1e-9:
+        one, two = (-half_height - rz) / vz, (half_height - rz) / vz
+        up_begin, up_end = min(one, two), max(one, two)
+    elif abs(rz) >= half_height:
+        return math.inf
+    if min(end, up_end) <= 0.0:
+        return math.inf
+    enters = max(begin, up_begin)
+    if enters >= min(end, up_end):
+        return math.inf
+    if enters <= 0.0:  # inside: only what still closes in is a conflict
+        return 0.0 if b < 0.0 or (a <= 1e-12 and rz * vz < 0.0) else math.inf
+    return enters
+
+
+@kernel
+def _entries(
+    x: float, y: float, z: float, u: float, v: float, w: float, pos: NDArray[np.float64], vel: NDArray[np.float64],
+    radius: float, half_height: float, standing_mps: float, moving_s: float, standing_s: float,
+    out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    for k in range(pos.shape[0]):
+        rz = 0.0 if math.isnan(pos[k, 2]) else pos[k, 2] - z
+        at = entry_s(pos[k, 0] - x, pos[k, 1] - y, rz, vel[k, 0] - u, vel[k, 1] - v, vel[k, 2] - w, radius, half_height)
+        speed2 = vel[k, 0] * vel[k, 0] + vel[k, 1] * vel[k, 1]
+        horizon = standing_s if speed2 < standing_mps * standing_mps else moving_s
+        out[k] = at if at <= horizon else math.inf
+
+
+def in_the_way(
+    pos: Vector,
+    vel: Vector,
+    tracks: Tracks,
+    limits: Limits,
+    scale: float = 1.0,
+    moving_s: float | None = None,
+    standing_s: float | None = None,
+) -> tuple[int, ...]:
+    """Rows of the tracks in conflict with flying on at `vel`, the soonest first; the cylinder `scale`d.
+
+    `moving_s` and `standing_s` are the look-aheads for what moves and what stands, where they differ from the limits'.
+    """
+    out = np.empty(len(tracks.pos_enu_m))
+    _entries(
+        *pos, *vel, tracks.pos_enu_m, tracks.vel_enu_mps, limits.protected_m * scale, limits.protected_up_m * scale,
+        limits.standing_mps, limits.look_ahead_s if moving_s is None else moving_s,
+        limits.look_ahead_s if standing_s is None else standing_s, out,
+    )  # fmt: skip
+    found: list[int] = np.flatnonzero(np.isfinite(out)).tolist()
+    return tuple(sorted(found, key=lambda row: (float(out[row]), row)))
+
+
+def towards(start: Vector, goal: Vector, speed_mps: float) -> tuple[Vector, float]:
+    """The velocity (m/s) that leads straight from one place to another, and how long it takes (s)."""
+    away = (goal[0] - start[0], goal[1] - start[1], goal[2] - start[2])
+    length = math.sqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2])
+    if length < 1e-6:
+        return (0.0, 0.0, 0.0), 0.0
+    scale = speed_mps / length
+    return (away[0] * scale, away[1] * scale, away[2] * scale), length / speed_mps

@@ -1,0 +1,20 @@
+"""What if an aircraft stops for whoever is in its way? It holds until the way is clear, and goes home at last.
+
+Two that stop for each other wait until one of them gives up: stopping alone resolves no head-on encounter.
+"""
+
+from __future__ import annotations
+
+from skyrange.core.time import Time
+from skyrange.vehicle.avoidance.contract import Episode, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.episodes import Episodic
+
+
+class Stop(Episodic):
+    """`stop`."""
+
+    kind = "stop"
+
+    def way(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
+        """Nowhere."""
+        return None

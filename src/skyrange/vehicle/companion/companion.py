@@ -1,0 +1,277 @@
+"""The computer on board of many aircraft, as one agent: it broadcasts, listens and avoids.
+
+It hears `rid_data` (what the autopilot tells) and `rid_down` (who is heard), broadcasts on `rid_up`, and commands its
+autopilot on `log`, where it only speaks: what passes there between ground station and autopilot is a route's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.messages import Columns, Inbox, Outbox, Scalar
+from skyrange.agent.payloads import Ints
+from skyrange.agent.refs import RefBook
+from skyrange.codec.f3411_columns import location_rows
+from skyrange.codec.mavlink import Message, Packer
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.rid_link import read_rows
+from skyrange.core.chance import Chance
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import FrameId, Port, endpoint, link_name
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.remoteid.belief import Beliefs, fresh
+from skyrange.remoteid.broadcaster import BEAT_NS, PLACE_NS, TROUBLES, Broadcaster
+from skyrange.remoteid.tracks import Heard, Seen, TrackTable
+from skyrange.vehicle.avoidance.contract import Decision, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.none import NoAvoidance
+from skyrange.vehicle.companion import wire
+from skyrange.vehicle.companion.asking import Asking
+from skyrange.vehicle.companion.guard import Guard, Hold, Order
+from skyrange.vehicle.companion.screen import conflicts
+from skyrange.vehicle.companion.spec import CompanionSpec
+from skyrange.vehicle.onboard import COMPANION_SERVICE_NS
+
+LOOK_NS: Final[Time] = 250 * NS_PER_MS
+"""How often it looks for conflicts."""
+FLOOR_M: Final = 5.0
+"""Below this height above home, taking off and landing, it does not interfere."""
+GOAL_NS: Final[Time] = 5 * NS_PER_S
+"""A goal that was not told again for so long is none."""
+_SIDES: Final = 3  # rid_data, rid_up, rid_down
+_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
+"""What is counted, and noted at 1, 2, 4, 8 …: a flood must not fill the record."""
+
+
+class Companion:
+    """The agent (contract: `agent.contracts.Agent`). Deep copies of it go on alike."""
+
+    service_ns: Time = COMPANION_SERVICE_NS
+
+    def __init__(self, name: str, specs: Sequence[CompanionSpec], origin: Origin, chance: Chance) -> None:
+        """`chance` spreads the broadcasts of different aircraft within the second, and nothing else."""
+        self.name = name
+        self.specs = tuple(specs)
+        count = len(self.specs)
+        self.ports: Sequence[Port] = [
+            Port(endpoint(spec.vehicle, "companion"), link_name(kind, spec.vehicle))
+            for spec in self.specs
+            for kind in ("rid_data", "rid_up", "rid_down")
+        ]
+        self.speaks: Sequence[Port] = [
+            Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
+        ]
+        """Where it sends without listening."""
+        self._places = {port: place for place, port in enumerate(self.ports)}
+        self._origin = origin
+        self._packers = [Packer(spec.system_id, wire.COMPONENT) for spec in self.specs]
+        self._beliefs = Beliefs(np.array([spec.system_id for spec in self.specs], dtype=np.int64))
+        self._broadcaster = Broadcaster([spec.broadcast for spec in self.specs], chance)
+        self.tracks = TrackTable(count, origin)
+        self._refs = RefBook()
+        avoids = [spec.avoidance is not None and not isinstance(spec.avoidance, NoAvoidance) for spec in self.specs]
+        self._avoids = np.array(avoids, dtype=np.bool_)
+        self._limits = np.array(
+            [
+                (0.0, 0.0, 0.0)
+                if spec.avoidance is None
+                else (
+                    spec.avoidance.limits.protected_m,
+                    spec.avoidance.limits.protected_up_m,
+                    spec.avoidance.limits.look_ahead_s,
+                )
+                for spec in self.specs
+            ]
+        ).reshape(count, 3)
+        self._asking = Asking(self._avoids)
+        self._guards: dict[int, Guard] = {}
+        self._counts = np.zeros((count, len(_COUNTS)), dtype=np.int64)
+        self._bad = np.zeros(count, dtype=np.int64)
+        self._trouble = np.full(count, -1, dtype=np.int64)
+        self._look_ns: Time = LOOK_NS
+        self._second_ns: Time = NS_PER_S
+
+    def next_wakeup(self) -> Time | None:
+        """The next broadcast, look or full second."""
+        times = [self._second_ns]
+        if self._avoids.any():
+            times.append(self._look_ns)
+        due = self._broadcaster.next_due()
+        return min(times) if due is None else min(*times, due)
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Take in the mail, then do what is due."""
+        out = Outbox()
+        if len(inbox):
+            self._listen(inbox)
+        if now >= self._look_ns:
+            self._look_ns = now - now % LOOK_NS + LOOK_NS
+            if self._avoids.any():
+                self._look(now, out)
+        if now >= self._second_ns:
+            self._second_ns = now - now % NS_PER_S + NS_PER_S
+            self._each_second(now, out)
+        sent = self._broadcaster.send(now, self._beliefs)
+        if sent is not None:
+            out.send_block(sent[0] * _SIDES + 1, sent[1])
+        return out
+
+    # --- what comes in -------------------------------------------------------------------------
+
+    def _listen(self, inbox: Inbox) -> None:
+        mail = inbox.columns(self._places)
+        side, vehicle = mail.places % _SIDES, mail.places // _SIDES
+        data = np.flatnonzero(side == 0)
+        if data.size:
+            self._beliefs.update(vehicle[data], mail.at_ns[data], mail.payloads.take(data))
+        heard = np.flatnonzero(side == _SIDES - 1)
+        if heard.size:
+            self._hear(inbox, mail, vehicle, heard)
+
+    def _hear(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
+        rid = read_rows(mail.payloads.take(heard))
+        said = location_rows(rid.bodies)
+        ref, serial = self._refs.read(inbox, mail.order[heard])
+        np.add.at(self._bad, vehicle[heard[~rid.good]], 1)
+        self.tracks.update(Heard(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial))
+
+    # --- detect and avoid ------------------------------------------------------------------------
+
+    def _look(self, now: Time, out: Outbox) -> None:
+        """Find conflicts, and let those that have one, or are avoiding, decide."""
+        table = self._beliefs.table
+        placed = fresh(table["place_ns"], now, PLACE_NS) & fresh(table["beat_ns"], now, BEAT_NS)
+        flying = placed & (table["armed"] == 1) & (table["state"] >= mav.MAV_STATE_ACTIVE)
+        free = self._avoids & flying & (table["mode"] == wire.AUTO) & (table["state"] == mav.MAV_STATE_ACTIVE)
+        free &= table["above_home_m"] >= FLOOR_M
+        places, velocities = self._own(now)
+        found = conflicts(self.tracks, now, places, velocities, self._limits, free)
+        for row in sorted({*np.flatnonzero(found).tolist(), *self._guards}):
+            guard = self._guards.get(row) or Guard()
+            mode, beat_ns = int(table["mode"][row]), int(table["beat_ns"][row])
+            failsafe = int(table["state"][row]) >= mav.MAV_STATE_CRITICAL
+            order = guard.observe(now, mode, beat_ns, bool(flying[row]), failsafe)
+            if order is not None:
+                self._carry_out(now, row, order, None, (), out)
+            may = guard.engaged or (bool(free[row]) and now >= guard.quiet_until_ns)
+            if may and not (guard.hold is Hold.GIVING and not found[row]):
+                own = self._state(now, row, guard, places, velocities)
+                self._decide(now, row, guard, own, out)
+            if guard.engaged or now < max(guard.quiet_until_ns, guard.left_ns + GOAL_NS):
+                self._guards[row] = guard
+            else:
+                self._guards.pop(row, None)
+
+    def _own(self, now: Time) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, 3) places as of now and velocities, as believed, in the local frame."""
+        table = self._beliefs.table
+        velocity = np.column_stack((table["vel_e"], table["vel_n"], -table["vel_d"]))
+        east, north = self._origin.to_enu(table["lat_e7"] * 1e-7, table["lon_e7"] * 1e-7)
+        up = table["alt_msl_m"] - self._origin.alt_msl_m
+        age_s = np.clip((now - table["place_ns"]) / NS_PER_S, 0.0, PLACE_NS / NS_PER_S)
+        return np.column_stack((east, north, up)) + velocity * age_s[:, None], velocity
+
+    def _state(
+        self, now: Time, row: int, guard: Guard, places: NDArray[np.float64], velocities: NDArray[np.float64]
+    ) -> Own:
+        """The aircraft's belief of itself, with the goal of the mission it flies or has left."""
+        (x, y, z), (u, v, w) = places[row].tolist(), velocities[row].tolist()
+        goal = guard.goal_enu_m if guard.engaged else self._goal(now, row, guard)
+        if goal is None:
+            ahead_s = self._limits.item(row, 2)
+            goal = (x + u * ahead_s, y + v * ahead_s, z + w * ahead_s)
+        return Own((x, y, z), (u, v, w), goal, self.specs[row].cruise_mps)
+
+    def _goal(self, now: Time, row: int, guard: Guard) -> Vector | None:
+        """Where the mission leads, told in AUTO and lately; just after an avoidance still what it was before."""
+        told = self._beliefs.table[row]
+        if told["goal_ns"] <= guard.left_ns + NS_PER_S // 2 and guard.goal_enu_m is not None:
+            return guard.goal_enu_m
+        if told["goal_ns"] < 0 or now - told["goal_ns"] > GOAL_NS:
+            return None
+        east, north = self._origin.enu_of(told["goal_lat_e7"] * 1e-7, told["goal_lon_e7"] * 1e-7)
+        up = float(told["goal_msl_m"]) - self._origin.alt_msl_m
+        near = math.isfinite(up) and max(abs(east), abs(north), abs(up)) < 1e5
+        return (east, north, up) if near else None
+
+    def _decide(self, now: Time, row: int, guard: Guard, own: Own, out: Outbox) -> None:
+        avoidance = self.specs[row].avoidance
+        assert avoidance is not None
+        seen = self.tracks.seen(row, now)
+        decision = avoidance.decide(now, own, Tracks(seen.pos_enu_m, seen.vel_enu_mps), guard.episode)
+        order = guard.follow(now, decision, own.goal_enu_m)
+        if order is not None:
+            causes = self._causes(row, seen, decision) or guard.causes
+            guard.causes = causes
+            self._carry_out(now, row, order, (seen, decision), causes, out)
+
+    def _causes(self, row: int, seen: Seen, decision: Decision) -> tuple[FrameId, ...]:
+        """The frames that wrote the tracks which a decision is about."""
+        rows = self.tracks.rows[row]
+        places = [int(seen.slot[track]) for track in decision.tracks]
+        found = [self._refs.id(int(rows["ref"][place]), int(rows["serial"][place])) for place in places]
+        return tuple(dict.fromkeys(ref for ref in found if ref is not None))
+
+    def _carry_out(
+        self,
+        now: Time,
+        row: int,
+        order: Order,
+        why: tuple[Seen, Decision] | None,
+        causes: tuple[FrameId, ...],
+        out: Outbox,
+    ) -> None:
+        """Send what an order says, and note it."""
+        spec, boot_ms = self.specs[row], int(self._beliefs.table["boot_ms"][row])
+        if order.note:
+            data: dict[str, Scalar] = {"mode": int(self._beliefs.table["mode"][row])}
+            if why is not None:
+                seen, decision = why
+                data = {"action": str(decision.action), "tracks": len(decision.tracks)}
+                if decision.tracks:
+                    first = decision.tracks[0]
+                    data["track"] = bytes(seen.uas_id[first]).decode("latin-1")
+                    data["address"] = f"{int(seen.address[first]):012x}"
+                if decision.waypoint_enu_m is not None:
+                    data |= dict(zip(("east_m", "north_m", "up_m"), decision.waypoint_enu_m, strict=True))
+            out.note(order.note, spec.vehicle, data, causes)
+        if order.mode is not None:
+            self._say(row, wire.set_mode(spec.system_id, order.mode), causes, out)
+            if order.mode != wire.RTL:
+                self._say(row, wire.set_speed(spec.system_id, spec.cruise_mps), causes, out)
+        if order.place is not None:
+            self._say(row, wire.go_to(spec.system_id, boot_ms, self._origin, order.place), causes, out)
+        elif order.stop:
+            self._say(row, wire.hold(spec.system_id, boot_ms), causes, out)
+
+    # --- once a second ---------------------------------------------------------------------------
+
+    def _each_second(self, now: Time, out: Outbox) -> None:
+        """Ask for what is missing, say how Remote ID is, and tell what was counted."""
+        table = self._beliefs.table
+        for row, want in self._asking.due(now, table, wire.AUTO):
+            interval_us = want.interval_ns // 1000
+            self._say(row, wire.set_interval(self.specs[row].system_id, want.message, interval_us), (), out)
+        trouble = self._broadcaster.troubles(now, self._beliefs)
+        beating = table["beat_ns"] >= 0
+        changed = beating & (trouble != self._trouble)
+        self._trouble[changed] = trouble[changed]
+        for row in np.flatnonzero(changed).tolist():
+            words = TROUBLES[trouble.item(row)]
+            out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not words, "trouble": words})
+        # before take-off each second, as a transmitter does; in flight when it changes
+        for row in np.flatnonzero(beating & (changed | (table["armed"] == 0))).tolist():
+            self._say(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
+        counts = np.column_stack((self.tracks.counts, self._bad + table["bad"]))
+        for row, column in np.argwhere(counts != self._counts).tolist():
+            count = counts.item(row, column)
+            if count.bit_length() > self._counts.item(row, column).bit_length():
+                out.note(_COUNTS[column], self.specs[row].vehicle, {"count": count})
+        self._counts = counts
+
+    def _say(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
+        out.send(self.speaks[row], self._packers[row].pack(message), causes)

@@ -1,0 +1,136 @@
+"""Who flies the aircraft, its mission or its avoidance? What a companion commands, and when it keeps its hands off.
+
+It acts in AUTO, by taking the aircraft to GUIDED, and gives it back to AUTO. Modes are known from HEARTBEATs alone,
+a second late; so a command has some time to show, and is repeated a few times. Any other mode (an operator's
+choice, LAND, RTL, a failsafe), and AUTO again where GUIDED had shown, means that somebody else has taken over: the
+companion yields at once, commands nothing, and waits before it acts again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NEVER, NS_PER_S, Time
+from skyrange.vehicle.avoidance.contract import Action, Decision, Episode, Vector
+from skyrange.vehicle.companion.wire import AUTO, GUIDED, RTL
+
+SHOWN_NS: Final[Time] = 5 * NS_PER_S // 2
+"""A mode shows in a heartbeat by then: two of them, and their way."""
+TRIES: Final = 3
+YIELD_NS: Final[Time] = 10 * NS_PER_S
+"""How long it does nothing after somebody else took over."""
+SAME_M: Final = 0.5
+"""Nearer to each other than that, two waypoints are one."""
+TELL_NS: Final[Time] = 3 * NS_PER_S
+"""A waypoint is sent again, for what is not acknowledged may be lost."""
+
+
+class Hold(StrEnum):
+    """Whose the aircraft is."""
+
+    MISSION = "mission"
+    TAKING = "taking"
+    """GUIDED was commanded and has not shown yet."""
+    OURS = "ours"
+    GIVING = "giving"
+    """AUTO was commanded and has not shown yet."""
+
+
+@dataclass(slots=True)
+class Order:
+    """What is to be sent: a mode, a place, a stop; and what is to be noted."""
+
+    mode: int | None = None
+    place: Vector | None = None
+    stop: bool = False
+    note: str = ""
+
+
+@dataclass(slots=True)
+class Guard:
+    """One aircraft's avoidance as its companion carries it out."""
+
+    hold: Hold = Hold.MISSION
+    episode: Episode | None = None
+    goal_enu_m: Vector | None = None
+    """Where the mission led when it was left."""
+    left_ns: Time = -NEVER
+    """When it was given back."""
+    asked_ns: Time = -NEVER
+    tries: int = 0
+    told: tuple[Action, Vector | None] | None = None
+    told_ns: Time = -NEVER
+    quiet_until_ns: Time = -NEVER
+    causes: tuple[FrameId, ...] = ()
+    """The frames behind what was commanded last."""
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the aircraft is out of its mission, or on its way there or back."""
+        return self.hold is not Hold.MISSION
+
+    def observe(self, now: Time, mode: int, beat_ns: Time, flying: bool, failsafe: bool) -> Order | None:
+        """Take in how the aircraft is, as told by the heartbeat of `beat_ns`; what must be done about it."""
+        if not self.engaged:
+            return None
+        if not flying:
+            return self._yield(now, "decision.avoid_ended")
+        fresh = beat_ns > self.asked_ns
+        if mode not in (AUTO, GUIDED):
+            return self._yield(now, "decision.yield") if fresh or self.hold is Hold.OURS else None
+        if self.hold is Hold.OURS and (mode == AUTO or failsafe):
+            order = self._yield(now, "decision.yield")
+            order.mode = AUTO if failsafe and mode == GUIDED else None  # left in GUIDED it would hang there
+            return order
+        wanted = AUTO if self.hold is Hold.GIVING else GUIDED
+        if self.hold is not Hold.OURS and mode == wanted and fresh:
+            self.hold = Hold.MISSION if wanted == AUTO else Hold.OURS
+            return None
+        if self.hold is not Hold.OURS and now - self.asked_ns >= SHOWN_NS:
+            if self.tries >= TRIES:
+                return self._yield(now, "decision.avoid_refused")
+            self.asked_ns, self.tries, self.told = now, self.tries + 1, None
+            return Order(wanted)
+        return None
+
+    def follow(self, now: Time, decision: Decision, goal_enu_m: Vector) -> Order | None:
+        """Carry out a decision: what to send, None for nothing new."""
+        self.episode = decision.episode
+        action = decision.action
+        if action is Action.KEEP:
+            return None
+        if action in (Action.RESUME, Action.RETURN):
+            self.hold, self.asked_ns, self.tries, self.told = Hold.GIVING, now, 1, None
+            self.left_ns = now
+            if action is Action.RESUME:
+                return Order(AUTO, note="decision.resume")
+            self.hold, self.quiet_until_ns = Hold.MISSION, now + YIELD_NS
+            return Order(RTL, note="decision.avoid_return")
+        order = Order()
+        if self.hold in (Hold.MISSION, Hold.GIVING):
+            self.hold, self.asked_ns, self.tries, self.told = Hold.TAKING, now, 1, None
+            self.goal_enu_m = goal_enu_m
+            order.mode, order.note = GUIDED, "decision.avoid"
+        told = (action, decision.waypoint_enu_m)
+        same = self.told is not None and self.told[0] is action and _near(self.told[1], told[1])
+        if same and now - self.told_ns < TELL_NS:
+            return None
+        if not same:
+            order.note = "decision.avoid"
+        order.place, order.stop = decision.waypoint_enu_m, action is Action.STOP
+        self.told, self.told_ns = told, now
+        return order
+
+    def _yield(self, now: Time, note: str) -> Order:
+        self.hold, self.episode, self.told = Hold.MISSION, None, None
+        self.left_ns, self.quiet_until_ns = now, now + YIELD_NS
+        return Order(note=note)
+
+
+def _near(one: Vector | None, two: Vector | None) -> bool:
+    """Whether two waypoints are the same to the autopilot."""
+    return one == two if one is None or two is None else math.dist(one, two) < SAME_M

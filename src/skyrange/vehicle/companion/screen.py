@@ -1,0 +1,58 @@
+"""Which of many aircraft have somebody in their way? All tracks of all of them, in one kernel."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+from skyrange.core.time import Time
+from skyrange.remoteid.tracks import TrackTable
+from skyrange.vehicle.avoidance.conflicts import entry_s
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def _screen(
+    rows: Any, stale_ns: int, now: int, places: Floats, velocities: Floats, limits: Floats, asks: NDArray[np.bool_],
+    found: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    for r in range(rows.shape[0]):
+        if not asks[r]:
+            continue
+        for k in range(rows.shape[1]):
+            row = rows[r, k]
+            if row.heard_ns < 0 or row.odd != 0 or row.located_ns < 0 or now - row.located_ns > stale_ns:
+                continue
+            if math.isnan(row.east):
+                continue
+            age = max(now - row.located_ns, 0) / 1e9
+            ve, vn, vu = row.ve, row.vn, row.vu
+            ve = 0.0 if math.isnan(ve) else ve
+            vn = 0.0 if math.isnan(vn) else vn
+            vu = 0.0 if math.isnan(vu) else vu
+            up = 0.0 if math.isnan(row.up) else row.up + vu * age - places[r, 2]
+            at = entry_s(
+                row.east + ve * age - places[r, 0], row.north + vn * age - places[r, 1], up,
+                ve - velocities[r, 0], vn - velocities[r, 1], vu - velocities[r, 2], limits[r, 0], limits[r, 1],
+            )  # fmt: skip
+            if at <= limits[r, 2]:
+                found[r] = True
+                break
+
+
+def conflicts(
+    tracks: TrackTable, now: Time, places: Floats, velocities: Floats, limits: Floats, asks: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(n,) who of those that ask is on a conflict course with anybody it hears, as `avoidance.conflicts` has it.
+
+    `places` and `velocities` (n, 3) in the local frame; `limits` (n, 3): protected radius and half height in m, and
+    look-ahead in s.
+    """
+    found = np.zeros(len(asks), dtype=np.bool_)
+    _screen(tracks.rows, tracks.stale_ns, now, places, velocities, limits, asks, found)
+    return found

@@ -1,0 +1,20 @@
+"""What does a companion need to know of its aircraft before the run?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skyrange.remoteid.profiles import Broadcast
+from skyrange.vehicle.avoidance.contract import Avoidance
+
+
+@dataclass(frozen=True, slots=True)
+class CompanionSpec:
+    """One aircraft: its MAVLink system id, what it broadcasts, and how it avoids others (None: not at all)."""
+
+    vehicle: str
+    system_id: int
+    broadcast: Broadcast
+    avoidance: Avoidance | None = None
+    cruise_mps: float = 10.0
+    """The mission's speed over ground, which is kept while avoiding and after."""

@@ -1,0 +1,144 @@
+"""Do the shipped attacks keep their contract, and does the check find those that do not?"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import pytest
+
+from skyrange.agent.frames import Frame
+from skyrange.agent.links import TapPlacement
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.attack.contract import Attack, AttackKind, Setting
+from skyrange.attack.remote_id_jam import JAM
+from skyrange.attack.remote_id_replay import REPLAY
+from skyrange.attack.remote_id_spoof import SPOOF
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.testing import NonConformance, check_attack
+from tests.hostile_kind import HOMEWARD, Homeward, Orders
+from tests.hostile_kind import make as make_homeward
+
+PLACE = [10.0, 5.0, 20.0]
+KINDS: list[tuple[AttackKind, Mapping[str, Any], bool]] = [
+    (SPOOF, {"at": PLACE, "velocity_mps": [1.0, 0.0, 0.0], "transports": ["bt4", "wifi_beacon"]}, True),
+    (SPOOF, {"at": PLACE, "form": "position", "vehicle": "blue/b1"}, True),
+    (SPOOF, {"at": PLACE, "form": "swarm", "count": 7}, True),
+    (REPLAY, {"transmitter_m": PLACE, "delay_s": 1.0}, False),  # nobody is on the air here whom it could hear
+    (JAM, {"transmitter_m": PLACE, "duty": 0.3}, True),
+    (HOMEWARD, {"vehicle": "blue/b1"}, True),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
+)
+def test_shipped_attacks_conform(kind: AttackKind, params: Mapping[str, Any], acts: bool) -> None:
+    check_attack(kind, params, acts=acts)
+
+
+@dataclass(slots=True)
+class Hasty(Orders):
+    """Orders while it is muted too, by writing into frames."""
+
+    def on_frame(self, now: Time, frame: Frame) -> list[Any]:
+        if now > 4 * NS_PER_S:
+            frame.payload = b"\\0" * len(frame.payload)
+        return []
+
+
+@dataclass
+class Shared:
+    """What all attacks of the process share."""
+
+    count: int = 0
+
+    def __deepcopy__(self, memo: object) -> Shared:
+        return self
+
+
+SHARED = Shared()
+
+
+@dataclass(slots=True)
+class Sharing(Orders):
+    """Counts its orders in one place with everybody else's."""
+
+    shared: Shared = field(default_factory=lambda: SHARED)
+
+    def on_wakeup(self, now: Time) -> Any:
+        self.shared.count += 1
+        self.turn = now // self.period_ns + 1
+        return [
+            replace(verdict, payload=verdict.payload + bytes([self.shared.count % 251]))
+            for verdict in Orders.on_wakeup(self, now)
+        ]
+
+
+@dataclass(slots=True)
+class Clocked(Orders):
+    """Puts the time of day into its orders."""
+
+    def on_wakeup(self, now: Time) -> Any:
+        return [
+            replace(verdict, payload=verdict.payload + time.time_ns().to_bytes(8, "little"))
+            for verdict in Orders.on_wakeup(self, now)
+        ]
+
+
+@dataclass(slots=True)
+class Uneven(Orders):
+    """As a sham it says more."""
+
+    def on_wakeup(self, now: Time) -> Any:
+        return [replace(verdict, payload=verdict.payload + b"!" * self.sham) for verdict in Orders.on_wakeup(self, now)]
+
+
+class Stranger:
+    """An agent that is named as others might be."""
+
+    name = "radio"
+    service_ns = NS_PER_S
+    ports = ()
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        return Outbox()
+
+    def next_wakeup(self) -> None:
+        return None
+
+
+def bad(tap: type[Orders]) -> AttackKind:
+    def make(params: Homeward, setting: Setting) -> Attack:
+        (placement,) = make_homeward(params, setting).taps
+
+        def orders(link: str) -> Orders:
+            one = placement.make(link)
+            assert isinstance(one, Orders)
+            return tap(one.src, one.dst, one.period_ns, one.sham, one.schedule, one.packer)
+
+        return Attack(taps=[TapPlacement(placement.match, placement.side, orders)])
+
+    return AttackKind(Homeward, make, "A bad one.")
+
+
+@pytest.mark.parametrize(
+    ("kind", "rule"),
+    [
+        (bad(Hasty), "attack.muted"),
+        (bad(Sharing), "attack.repeatable"),
+        (bad(Clocked), "attack.repeatable"),
+        (bad(Uneven), "attack.sham"),
+        (AttackKind(Homeward, lambda params, setting: Attack(agents=[Stranger()]), "A stranger."), "attack.named"),
+        (AttackKind(Homeward, lambda params, setting: Attack(), "Idle."), "attack.acts"),
+        (AttackKind(Homeward, lambda params, setting: None, "Nothing."), "attack.makes"),
+        (AttackKind(Homeward, lambda params, setting: Attack(), "no sentence"), "attack.described"),
+    ],
+    ids=["hasty", "sharing", "clocked", "uneven", "stranger", "idle", "nothing", "mute"],
+)  # fmt: skip
+def test_broken_attacks_are_found(kind: AttackKind, rule: str) -> None:
+    with pytest.raises(NonConformance) as caught:
+        check_attack(kind, {"vehicle": "blue/b1"}, duration_s=8.0)
+    assert caught.value.rule == rule

@@ -1,0 +1,173 @@
+"""Are attacks declared, checked and written as the rest of a scenario is?"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import pytest
+
+from skyrange.agent import plugins
+from skyrange.attack.remote_id_jam import JAM
+from skyrange.attack.remote_id_replay import REPLAY
+from skyrange.attack.remote_id_spoof import SPOOF
+from skyrange.core.errors import InputError
+from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.scenario.emit import to_toml
+from skyrange.scenario.load import load_text
+from skyrange.scenario.schema import Scenario, json_schema
+from skyrange.scenario.wire import wire
+from tests.hostile_kind import offered
+
+FLEET = """
+name = "s"
+origin = [40.778, -73.955]
+[radio]
+[[operators]]
+id = "green"
+  [[operators.vehicles]]
+  id = "g1"
+  plan.square = { side_m = 20, alt_m = 10 }
+"""
+GHOST = """
+[[attacks]]
+id = "ghost"
+kind = "remote_id.spoof"
+start_s = 3
+for_s = 9.5
+when = { vehicle = "green/g1", within_m = 30, of = [0, 0, 10] }
+params = { at = [10, 10, 10], form = "swarm", count = 5, transports = ["bt4", "wifi_beacon"] }
+"""
+
+
+@pytest.fixture(autouse=True)
+def _kinds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The shipped kinds and the tests' own, whatever is installed."""
+    monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
+    for kind, made in (("remote_id.spoof", SPOOF), ("remote_id.replay", REPLAY), ("remote_id.jam", JAM)):
+        plugins.register(plugins.ATTACKS, kind, made)
+    with offered():
+        yield
+
+
+def loaded(text: str) -> Scenario:
+    return load_text(FLEET + text)
+
+
+def faults(text: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        wire(loaded(text))
+    return [str(fault) for fault in caught.value.faults]
+
+
+def test_what_is_declared_is_wired() -> None:
+    rig = wire(loaded(GHOST))
+    (plan,) = rig.wiring.attacks
+    assert (plan.id, plan.start_ns, plan.stop_ns, plan.lasts_ns) == ("ghost", 3 * NS_PER_S, NEVER, 9_500_000_000)
+    assert plan.trigger is not None
+    assert list(plan.trigger.vehicles) == ["green/g1"]
+    assert [agent.name for agent in plan.agents] == ["ghost.radio"]
+    assert "rid_up:ghost" in {spec.name for spec in rig.wiring.links}
+    (row,) = rig.header["attacks"]
+    assert row["radios"] == [{"endpoint": "ghost.radio", "at_enu_m": [10.0, 10.0, 2.0]}]
+    assert (row["kind"], row["touches"], row["technique"]) == ("remote_id.spoof", ["rid_up:ghost", "medium"], "T0856")
+    json.dumps(rig.header)
+
+
+def test_it_reads_back_as_it_was_written() -> None:
+    other = '[[attacks]]\nid="home"\nkind="test.homeward"\nmuted=true\nsham=true\nstop_s=4\nparams.vehicle="green/g1"\n'
+    scenario = loaded(GHOST + other)
+    again = load_text(to_toml(scenario))
+    assert again == scenario
+    assert again.attacks[0].params["rate_hz"] == 1.0, "every value that a run used"
+    assert loaded("").attacks == ()
+    assert "attacks" not in to_toml(loaded(""))
+
+
+def test_overrides_reach_attacks_by_id() -> None:
+    text = FLEET + GHOST
+    scenario = load_text(text, overrides=["attacks.ghost.muted=true", "attacks.*.params.count=9"])
+    assert scenario.attacks[0].muted
+    assert scenario.attacks[0].params["count"] == 9
+
+
+def test_all_that_is_wrong_is_said_at_once() -> None:
+    found = faults(
+        """
+        [[attacks]]
+        id = "one"
+        kind = "remote_id.spof"
+        [[attacks]]
+        id = "one"
+        kind = "remote_id.spoof"
+        when = { vehicle = "green/g1", within_m = -1, of = [0, 0] }
+        params = { at = [10, 10], form = "swrm", count = "5", transprts = ["bt4"] }
+        [[attacks]]
+        id = "three"
+        kind = "remote_id.spoof"
+        start_s = 9
+        stop_s = 8
+        params = { at = [1, 2, 3], form = "position" }
+        """
+    )
+    text = "\n".join(found)
+    for words in (
+        "attacks.one.id: one — expected an id that no other attack has",
+        "attacks.one.kind: remote_id.spof — expected a kind of attack that is installed. Did you mean 'remote_id.sp",
+        "attacks.one.when.within_m: -1 — expected more than 0",
+        "attacks.one.when.of: [0, 0] — expected a place",
+        "attacks.one.params.at.2: missing",
+        "Did you mean 'swarm'?",
+        "attacks.one.params.count: '5' — expected a whole number",
+        "transprts = ['bt4'] — expected a known key. Did you mean 'transports'?",
+        "attacks.three.stop_s: 8 — expected more than start_s, 9",
+        "attacks.three.params.vehicle: missing",
+    ):
+        assert words in text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('when = { vehicle = "green/g2", within_m = 3, of = [0,0,0] }\nparams.at = [1,2,3]', "when.vehicle: green/g2"),
+        ('when = { vehicle = "green/g1", within_m = 3, of = "red/r1" }\nparams.at = [1,2,3]', "when.of: red/r1"),
+        ('params = { at=[1,2,3], form="position", vehicle="green/g9" }', "Did you mean 'green/g1'?"),
+        ('params = { at=[1,2,3], via="link", on="green/g9" }', "params.on: green/g9"),
+        ("params = { at=[1,2,3], via='radio', on='green/g1' }", "none for via = 'radio'"),
+        ("params = { at=[1,2,3], uas_id='x', form='swarm' }", "params.uas_id"),
+        ("params = { at=[1,2,nan] }", "params.at.2"),
+    ],
+)
+def test_what_does_not_fit_the_scenario_is_named(text: str, words: str) -> None:
+    (found,) = faults(f'[[attacks]]\nid = "a"\nkind = "remote_id.spoof"\n{text}\n')
+    assert found.startswith("attacks.a.")
+    assert words in found
+
+
+def test_an_attack_on_a_link_that_is_not_there_is_named() -> None:
+    (found,) = faults('[[attacks]]\nid="a"\nkind="test.homeward"\nparams.vehicle="green/g9"\n')
+    assert "attacks.a.params.vehicle: green/g9" in found
+
+
+def test_a_radio_inside_a_building_is_named() -> None:
+    # blocks of 72 m between streets of 24 m stand about the origin: (48, 48) is inside the block north-east of it
+    city = "[city]\ngrid = {}\n"
+    jam = '[[attacks]]\nid="j"\nkind="remote_id.jam"\nparams.transmitter_m=[{}, {}, 2]\n'
+    text = FLEET.replace("[[operators]]", city + "[[operators]]", 1)
+    rig = wire(load_text(text))
+    assert rig.city is not None
+    place = rig.city.buildings[0].shape.representative_point()
+    with pytest.raises(InputError, match=r"attacks\.j\.params\.transmitter_m.*a place outside buildings"):
+        wire(load_text(text + jam.format(place.x, place.y)))
+    wire(load_text(text + jam.format(0, 0)))
+
+
+def test_the_schema_knows_each_kinds_parameters() -> None:
+    schema = json_schema()
+    attack = schema["$defs"]["AttackTable"]
+    assert "remote_id.spoof" in attack["properties"]["kind"]["examples"]
+    by_kind = {part["if"]["properties"]["kind"]["const"]: part["then"] for part in attack["allOf"]}
+    name = by_kind["remote_id.spoof"]["properties"]["params"]["$ref"].rpartition("/")[2]
+    properties = schema["$defs"][name]["properties"]
+    assert properties["rate_hz"]["maximum"] == 10
+    assert all(value["description"] for value in properties.values())

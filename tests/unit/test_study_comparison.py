@@ -1,0 +1,159 @@
+"""Does the comparison page draw what it is given, and survive what is odd?"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from skyrange.study.palette import shades
+from skyrange.study.receptions import Receptions, who_heard_whom
+from skyrange.study.report import chain, effecttable, hearing
+from skyrange.study.series import Track, Vehicle
+from skyrange.study.spread import Interval
+from skyrange.study.subject import Subject
+from skyrange.study.twins import draw_departures, draw_twin_heights, draw_twin_plan
+
+S = 1_000_000_000
+FLEET = [Vehicle(name, "a", "builtin", "iris", "", (0.0, 10.0 * k, 0.0)) for k, name in enumerate(("a/1", "a/2<b>"))]
+CITY = [{"height_m": 30.0, "rings": [[[5, -5], [15, -5], [15, 5], [5, 5], [5, -5]]]}]
+SUBJECT = Subject(
+    "page", FLEET, dict(zip(("a/1", "a/2<b>"), shades("#0072b2", 2), strict=True)), CITY, {"a/1": 0, "a/2<b>": 1}
+)
+
+
+def track(*places: tuple[float, float, float]) -> Track:
+    enu_m = np.array(places, dtype=np.float64)
+    return Track(np.arange(len(places), dtype=np.int64) * S, enu_m, np.zeros(len(places)))
+
+
+TWINS = {"a/1": track((0, 0, 0), (0, 0, 10), (20, 0, 10)), "a/2<b>": track((0, 10, 0), (0, 10, 5), (0, 10, 5))}
+TRACKS = {"a/1": track((0, 0, 0), (0, 0, 10), (0, 20, 14)), "a/2<b>": TWINS["a/2<b>"]}
+
+
+def test_both_tracks_are_in_the_plan_with_the_attackers_places() -> None:
+    drawn = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {"ghost <1>": (10.0, 12.0, 10.0)}).svg
+    assert len(re.findall(r'class="line ink-0"', drawn)) == 2
+    assert drawn.count("stroke-dasharray") == 1, "the twin of the one that departed, not of the other"
+    assert 'class="line ink-1"' in drawn
+    assert "plan-buildings" in drawn
+    assert "ghost &lt;1&gt;" in drawn
+    assert "<1>" not in drawn
+
+
+def test_heights_and_departures_are_drawn_with_the_attacks_interval() -> None:
+    spans = [(0.5, 1.5, "ghost")]
+    heights = draw_twin_heights(SUBJECT, TRACKS, TWINS, ["a/1"], spans).svg
+    assert heights.count('class="span"') == 1
+    assert heights.count("stroke-dasharray") == 1
+    departures = draw_departures(SUBJECT, TRACKS, TWINS, ["a/1", "a/9"], spans).svg
+    assert "stroke-dasharray" not in departures
+    # (0, 20, 14) against (20, 0, 10): 28.6 m, so the axis has a tick at 20 and none at 40
+    assert ">20</text>" in departures
+    assert ">40</text>" not in departures
+
+
+def test_nothing_to_draw_draws_nothing() -> None:
+    empty = {vehicle.id: Track(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0)) for vehicle in FLEET}
+    draw_twin_plan(SUBJECT, empty, empty, [], {})
+    draw_departures(SUBJECT, empty, empty, ["a/1"], [])
+    assert "No hostile act" in chain.chain(SUBJECT, [], [], [], 10.0)
+    assert "No aircraft" in effecttable.effects(SUBJECT, [])
+
+
+def row(phase: str, at_s: float, kind: str, vehicle: str | None, **more: object) -> dict[str, object]:
+    base = {
+        "phase": phase,
+        "at_ns": round(at_s * S),
+        "kind": kind,
+        "vehicle": vehicle,
+        "attack": "ghost",
+        "source": "x",
+    }
+    return {"depth": None, "data": None, "departure_m": None, "frame": None, **base, **more}
+
+
+def test_the_chain_has_a_lane_for_the_attack_and_for_each_aircraft_it_reached() -> None:
+    labels = [
+        row("onset", 1.0, "send", None),
+        row("act", 2.0, "send", None),
+        row("propagation", 2.1, "frame", "a/1", depth=1),
+        row("propagation", 2.2, "decision.avoid", "a/1", depth=2, data='{"why": "<ghost>"}'),
+        row("effect", 3.0, "departure", "a/1", departure_m=12.3),
+    ]
+    drawn = chain.chain(SUBJECT, labels, ["ghost"], [(1.0, 4.0, "ghost")], 10.0)
+    assert drawn.count('class="lane"') == 2
+    assert 'x="10%"' in drawn
+    assert 'x="22%"' in drawn
+    assert 'x="30%"' in drawn
+    assert "a/2" not in drawn
+    told = chain.steps(SUBJECT, labels)
+    assert [told.index(word) for word in (">onset<", ">propagation<", ">effect<")] == sorted(
+        told.index(word) for word in (">onset<", ">propagation<", ">effect<")
+    )
+    assert "&lt;ghost&gt;" in told
+    assert "<ghost>" not in told
+    assert "12.3 m" in told
+
+
+def test_a_flood_of_acts_is_thinned() -> None:
+    labels = [row("onset", 0.0, "send", None), *(row("act", 0.001 * k, "send", None) for k in range(5000))]
+    drawn = chain.chain(SUBJECT, labels, ["ghost"], [], 10.0)
+    assert drawn.count("<title>") <= chain.MOST_MARKS + 2
+
+
+def effect(vehicle: str, **more: object) -> dict[str, object]:
+    base: dict[str, object] = {"vehicle": vehicle, "outcome": "unfinished", "outcome_twin": "complete", "delay_s": None}
+    for name in ("min_separation", "min_wall"):
+        base |= {f"{name}_m": None, f"{name}_twin_m": 4.0}
+    for name in ("near_misses", "collisions"):
+        base |= {name: 2, f"{name}_twin": 0}
+    return base | {"extra_distance_m": -3.04, "extra_energy_j": None, "departure_m": 9.0, "departed_s": 2.0} | more
+
+
+def test_effects_are_said_with_signs_and_those_that_departed_first() -> None:
+    drawn = effecttable.effects(SUBJECT, [effect("a/1", departure_m=0.0, departed_s=None), effect("a/2<b>")])
+    assert drawn.index("a/2&lt;b&gt;") < drawn.index("a/1")
+    assert "−3.0" in drawn
+    assert "0 → 2" in drawn
+    assert "4.0 → far" in drawn
+    assert drawn.count("class=quiet") == 1
+
+
+def test_intervals_are_bold_where_they_leave_zero_out() -> None:
+    found = {"a/1": {"delay_s": Interval(5, 3.0, 1.0, 5.0), "extra_distance_m": Interval(5, 3.0, -1.0, 7.0)}}
+    drawn = effecttable.ensemble(SUBJECT, found, ["a/1"])
+    assert len(re.findall(r"<b>\+3\.0", drawn)) == 1
+    assert "−1.0 … 7.0, n = 5" in drawn
+
+
+def heard() -> Receptions:
+    return Receptions(
+        np.arange(4) * S,
+        np.array(["ghost", "ghost", "a/1", "ghost"]),
+        np.array(["a/1", "a/1", "a/2<b>", "a/2<b>"]),
+        np.array([[0.0, 0, 10], [5, 0, 10], [0, 10, 5], [0, 10, 5]]),
+        np.array([-60.0, -70.0, -90.0, -97.0]),
+        np.array([True, True, True, False]),
+    )
+
+
+def test_who_heard_whom_by_hand() -> None:
+    rows = {
+        (r["sender"], r["receiver"]): (r["decoded"], r["of"], r["median_dbm"], r["most_dbm"])
+        for r in who_heard_whom(heard())
+    }
+    assert rows == {
+        ("a/1", "a/2<b>"): (1, 1, -90.0, -90.0),
+        ("ghost", "a/1"): (2, 2, -65.0, -60.0),
+        ("ghost", "a/2<b>"): (0, 1, -97.0, -97.0),
+    }
+    assert "a/2&lt;b&gt;" in hearing.hearing_table(heard())
+
+
+def test_the_map_has_a_dot_per_reception_of_the_attackers() -> None:
+    drawn = hearing.hearing_map(SUBJECT, heard(), ["ghost"], {"ghost.radio": (10.0, 0.0, 2.0)}).svg
+    assert drawn.count("hears ghost") == 3
+    assert "hears a/1" not in drawn
+    assert drawn.count('r="3.4" fill="none"') == 1, "what was not decoded is hollow"
+    assert "-97 dBm" in drawn
