@@ -124,9 +124,10 @@ def test_bad_frames_are_counted_and_noted() -> None:
     mail.append(Arrival(down, 6, broadcast(), "x", FrameId(down.link, "fwd", "x", 0)))
     outbox = agent.step(STEP, Inbox(mail))
     assert not list(outbox.each(agent.ports))
-    assert len(outbox.notes) == len(mail)
-    assert {note.kind for note in outbox.notes} == {"event.rid_bad_frame"}
     assert sum(agent.refused.values()) == len(mail)
+    assert {note.kind for note in outbox.notes} == {"event.bad_broadcast"}
+    counts = {why: [note.data["count"] for note in outbox.notes if note.data["why"] == why] for why in agent.refused}
+    assert counts == {"not a broadcast": [1, 2, 4], "does not fit": [1, 2, 4], "not for the air": [1]}
     assert agent.next_wakeup() is None
 
 
@@ -134,16 +135,19 @@ def test_receptions_are_recorded_with_what_they_were_of() -> None:
     agent = oracle(recording=True)
     mail = [arrival("blue/b1", 1 + k * STEP, broadcast(), k) for k in range(5)]
     out = run(agent, mail)
-    record = agent.drain_receptions()
-    assert len(record.time_ns) == 15
-    assert {str(record.frames[k]) for k in record.frame} == {str(item.ref) for item in mail}
-    assert {record.receivers[k] for k in record.receiver} == {"blue/b2", "mast", "red/r1"}
+    kept = agent.drain_receptions()
+    assert kept is not None
+    rows = kept.rows
+    assert len(rows.time_ns) == 15
+    assert {(kept.names[n][0], s) for n, s in zip(rows.number, rows.serial.tolist(), strict=True)} == {
+        (item.ref.link, item.ref.serial) for item in mail
+    }
+    assert {kept.radios[k] for k in rows.radio} == {"blue/b2", "mast", "red/r1"}
     for name in ("blue/b2", "red/r1"):
-        rows = [k for k in range(15) if record.receivers[record.receiver[k]] == name]
-        assert [int(record.serial[k]) for k in rows] == list(range(5))
+        mine = [k for k in range(15) if kept.radios[rows.radio[k]] == name]
         times = [rid_link.unpack(payload).header.time_ns for port, payload, _ in out if port.link == f"rid_down:{name}"]
-        assert record.time_ns[rows].tolist() == times
-    assert len(agent.drain_receptions().time_ns) == 0
+        assert rows.time_ns[mine].tolist() == times
+    assert agent.drain_receptions() is None
 
 
 def test_a_late_step_takes_frames_as_of_now() -> None:
