@@ -73,7 +73,7 @@ class Spoof(Params):
     )
     transmitter_m: Enu | None = Field(
         default=None,
-        description="Where the attacker's transmitter stands: [east_m, north_m, up_m]; "
+        description="Where the attacker's transmitter stands: [east_m, north_m, up_m] in metres; "
         "default: 2 m above the ground below the place that is claimed.",
     )
     power_dbm: Number = Field(
