@@ -14,6 +14,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.medium import BuiltinMedium
 from skyrange.radio.surroundings import QUIET_CITY
+from skyrange.radio.table import FREE, STATE
 from skyrange.testing import NonConformance, check_medium
 
 
@@ -48,7 +49,7 @@ class Forgetful(BuiltinMedium):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BuiltinMedium:
         twin = super().__deepcopy__(memo)
-        twin._air.counts[0] = 0
+        twin._air.slot[STATE] = FREE
         return twin
 
 

@@ -107,25 +107,32 @@ def _print_pair(made: Pair) -> None:
         title=f"{made.manifest['name']}: attacked against {made.reference}, seed {made.seeds[0]}",
         title_justify="left", title_style="bold",
     )  # fmt: skip
-    for column in ("aircraft", "mission", "departs", "by", "delay", "distance", "energy", "near", "hits"):
+    for column in ("aircraft", "mission", "departs", "by", "delay", "distance", "energy"):
         left = column in ("aircraft", "mission")
-        table.add_column(column, justify="left" if left else "right", no_wrap=column == "aircraft")
+        table.add_column(column, justify="left" if left else "right", no_wrap=True)
     for row in sorted(own, key=lambda row: -row["departure_m"])[:MOST_AIRCRAFT]:
         table.add_row(
             row["vehicle"],
-            " → ".join(dict.fromkeys((row["outcome_twin"], row["outcome"]))),
+            row["outcome"],
             f"{row['departed_s']:.1f} s",
             f"{row['departure_m']:.1f} m",
             "–" if row["delay_s"] is None else f"{row['delay_s']:+.1f} s",
             f"{row['extra_distance_m']:+.1f} m",
             "–" if row["extra_energy_j"] is None else f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
-            f"{row['near_misses_twin']} → {row['near_misses']}",
-            f"{row['collisions_twin']} → {row['collisions']}",
         )
     if own:
         console.print(table)
     else:
         console.print(f"no aircraft came farther than {made.manifest['threshold_m']:g} m from where it is in the twin")
+    for row in own:
+        if row["outcome"] != row["outcome_twin"]:
+            console.print(
+                f"{row['vehicle']}: {row['outcome_twin']} in the twin, {row['outcome']} attacked", markup=False
+            )
+        for what in ("near_misses", "collisions"):
+            if row[what] != row[f"{what}_twin"]:
+                said = what.replace("_", " ")
+                console.print(f"{row['vehicle']}: {row[f'{what}_twin']} {said} in the twin, {row[what]} attacked")
     if len(made.seeds) > 1:
         _print_intervals(console, made, {row["vehicle"] for row in rows if row["departed_s"] is not None})
     acts = sum(row["phase"] in ("onset", "act") for row in made.labels.to_pylist())

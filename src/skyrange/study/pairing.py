@@ -218,12 +218,16 @@ def _compare(made: Pair, near_m: float, threshold_m: float) -> None:
             rows = effect_rows(seed, against, (attacked, made.run(against, seed)), near_m, threshold_m)
             effects += rows
             if against == "nominal":
-                labels += traced + effects_of(traced, rows)
+                labels += sorted([*traced, *effects_of(traced, rows)], key=_moment)
     _write(effects_table(effects), made.path / "effects.parquet")
     _write(labels_table(labels), made.path / "labels.parquet")
     from skyrange.study.report.comparison import write_comparison
 
     write_comparison(made, made.report)
+
+
+def _moment(row: Mapping[str, Any]) -> int:
+    return int(row["at_ns"])
 
 
 def _write(table: pa.Table, path: Path) -> None:

@@ -33,7 +33,11 @@ TOLD_NS = 2 * NS_PER_S
 _WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
 _EARS = (
     Listening((Turn(6, _WIFI),)),
-    Listening(tuple(Turn(channel, (Waveform.BLE_1M,)) for channel in (37, 38, 39)), 30 * NS_PER_MS, 30 * NS_PER_MS),
+    Listening(
+        tuple(Turn(37 + k % 3, (Waveform.BLE_1M, Waveform.BLE_CODED)[k // 3 :][:1]) for k in range(6)),
+        30 * NS_PER_MS,
+        30 * NS_PER_MS,
+    ),
 )
 
 MEDIUM: RuleBook[MediumCase] = RuleBook("medium")
@@ -210,7 +214,8 @@ def _copies(case: MediumCase) -> None:
     expected = "a copy that goes on alike, and an original that does not notice"
     for medium in (branch, trunk):
         later = told(medium, live(medium, requests(), begin=middle))
-        same(rest[1], later[1], "the straight run and a copy differ", expected)
+        same(rest[1], later[1], "receptions of the straight run and of a copy differ", expected)
+        same(rest[0], later[0], "transmissions of the straight run and of a copy differ", expected)
 
 
 @MEDIUM.rule("refuses", "Refuses a frame that cannot be, whatever its numbers, and goes on.")

@@ -121,8 +121,8 @@ def _tiles(labels: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, A
     first = min((row["at_ns"] for row in labels if row["phase"] == "effect"), default=None)
     departed = sum(row["departed_s"] is not None for row in effects)
     delays = [row["delay_s"] for row in effects if row["delay_s"] is not None]
-    longer = max((row["extra_distance_m"] for row in effects), default=None)
-    energy = max((row["extra_energy_j"] for row in effects if row["extra_energy_j"] is not None), default=None)
+    longer = max((row["extra_distance_m"] for row in effects), key=abs, default=None)
+    energy = max((row["extra_energy_j"] for row in effects if row["extra_energy_j"] is not None), key=abs, default=None)
     worse = sum(row["outcome"] != row["outcome_twin"] for row in effects)
     rows = [
         ("onset", words.duration(None if onset is None else onset / NS_PER_S), "the first hostile act"),
@@ -130,9 +130,17 @@ def _tiles(labels: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, A
         ("led to", words.count(len(decided)), f"decisions and events, {words.count(len(led) - len(decided))} frames"),
         ("departed", words.count(departed), f"of {words.count(len(effects))} aircraft"),
         ("first effect", words.duration(None if first is None else first / NS_PER_S), "truth leaves the twin"),
-        ("longest delay", words.quantity(max(delays, default=None), "s"), f"{worse} missions end otherwise"),
-        ("most extra distance", words.quantity(longer, "m"), "of one aircraft"),
-        ("most extra energy", words.quantity(None if energy is None else energy / 1000.0, "kJ", 2), "of one aircraft"),
+        (
+            "delay",
+            words.signed(max(delays, key=abs, default=None), "s", 1),
+            f"the most; {worse} missions end otherwise",
+        ),
+        ("extra distance", words.signed(longer, "m", 1), "the most of one aircraft"),
+        (
+            "extra energy",
+            words.signed(None if energy is None else energy / 1000.0, "kJ", 2),
+            "the most of one aircraft",
+        ),
     ]
     cells = "".join(f"<div><dt>{name}</dt><dd>{value}</dd><dd class=sub>{sub}</dd></div>" for name, value, sub in rows)
     return f'<dl class="tiles">{cells}</dl>'

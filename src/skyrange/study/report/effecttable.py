@@ -72,9 +72,9 @@ def _row(row: Row, places: Mapping[str, int]) -> str:
     numbers = words.cells(
         words.NONE if departed is None else words.quantity(departed, "s", 1),
         words.quantity(row["departure_m"], "m", 1),
-        _signed(row["delay_s"], "s", 1),
-        _signed(row["extra_distance_m"], "m", 1),
-        _signed(None if energy is None else energy / 1000.0, "kJ", 2),
+        words.signed(row["delay_s"], "s", 1),
+        words.signed(row["extra_distance_m"], "m", 1),
+        words.signed(None if energy is None else energy / 1000.0, "kJ", 2),
         _change(row["min_separation_twin_m"], row["min_separation_m"]),
         _change(row["min_wall_twin_m"], row["min_wall_m"]),
         _counts(row["near_misses_twin"], row["near_misses"]),
@@ -88,21 +88,12 @@ def _row(row: Row, places: Mapping[str, int]) -> str:
 def _interval(found: Interval | None, unit: str, scale: float, decimals: int) -> str:
     if found is None:
         return words.NONE
-    mean = _signed(found.mean * scale, unit, decimals)
+    mean = words.signed(found.mean * scale, unit, decimals)
     if found.low is None or found.high is None:
         return f"{mean} <small>n = {found.n}</small>"
     low, high = (f"{value * scale:.{decimals}f}".replace("-", "−") for value in (found.low, found.high))
     text = f"{mean}<br><small>{low} … {high}, n = {found.n}</small>"
     return f"<b>{text}</b>" if found.clear else text
-
-
-def _signed(value: float | None, unit: str, decimals: int) -> str:
-    if value is None:
-        return words.NONE
-    text = f"{value:+.{decimals}f}"
-    if float(text) == 0.0:
-        text = text[1:]
-    return f"{text.replace('-', '−')}\u202f<small>{unit}</small>" if unit else text.replace("-", "−")
 
 
 def _change(twin: float | None, attacked: float | None) -> str:

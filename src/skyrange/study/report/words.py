@@ -24,6 +24,16 @@ def quantity(value: float | None, unit: str, decimals: int = 1) -> str:
     return f"{text}\u202f<small>{unit}</small>" if unit else text
 
 
+def signed(value: float | None, unit: str, decimals: int) -> str:
+    """A difference with its sign and unit, or a dash."""
+    if value is None:
+        return NONE
+    text = f"{value:+.{decimals}f}"
+    if float(text) == 0.0:
+        text = text[1:]
+    return f"{text.replace('-', '−')}\u202f<small>{unit}</small>" if unit else text.replace("-", "−")
+
+
 def duration(seconds: float | None) -> str:
     """`8.2 s`, `3 min 05 s` or `1 h 02 min`."""
     if seconds is None or not math.isfinite(seconds):
