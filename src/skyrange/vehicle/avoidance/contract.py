@@ -88,7 +88,7 @@ class Limits(Params):
     reach_m: Number = Field(
         default=200.0, ge=20, le=2000, description="Metres around within which a way past others is looked for."
     )
-    arrive_m: Number = Field(default=3.0, gt=0, le=50, description="Metres within which a waypoint counts as reached.")
+    arrive_m: Number = Field(default=1.5, gt=0, le=50, description="Metres within which a waypoint counts as reached.")
 
 
 class Own(NamedTuple):

@@ -195,7 +195,8 @@ def _taken(place: Floats, tracks: Tracks, limits: Limits, radius_m: float) -> bo
 def _around(walls: Walls, near: Ints, here: Floats, end: Floats, up_m: float, limits: Limits) -> Floats:
     """Corners to fly around, (n, 3): those that make the shortest detours, and at most so many."""
     room = np.empty((4096, 2))
-    found = room[: corners(walls, near, 1.6 * limits.wall_m, room)]  # 1.6: a right angle leaves 1.13 wall_m each way
+    # a right angle leaves 0.7 of it to each wall: room enough for who is there but for `arrive_m`
+    found = room[: corners(walls, near, 1.75 * limits.wall_m, room)]
     detour = np.hypot(*(found - here[:2]).T) + np.hypot(*(found - end[:2]).T)
     kept = np.argsort(detour, kind="stable")[:_MOST_CORNERS]
     kept = kept[detour[kept] <= math.hypot(*(end[:2] - here[:2]).tolist()) + 2.0 * limits.reach_m]
