@@ -102,7 +102,8 @@ def measure(vehicles: int, seconds: float, load: str = "light", remote_id: bool 
     aircraft-second costs in that currency; `memory_mb` its peak resident set, of which `base_memory_mb`
     was there before the fleet; `setup_s` and `finalise_s` are wall seconds before and after, not in the
     factor; `flying` how many were armed and on their mission all through; `frames_per_s` frames per
-    simulated second over all hops; `disk_mb` the finished run folder; `share` the share of CPU time per part.
+    simulated second over all hops, `receptions_per_s` broadcasts that were decoded; `disk_mb` the finished run folder;
+    `share` the share of CPU time per part.
     """
     context = multiprocessing.get_context("spawn")  # a clean process: nothing of the caller's memory
     receiver, sender = context.Pipe(duplex=False)
