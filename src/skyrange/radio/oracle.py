@@ -138,7 +138,9 @@ class Oracle:
                 ref = inbox.arrival(columns.order.item(row)).ref
                 outbox.note("event.bad_broadcast", ENDPOINT, {"link": about, "why": why, "count": count}, (ref,))
         if self._noise.changed:
-            self.medium.emit(now, self._noise.sources(now))
+            # from where the medium stands: what was ordered since then begins when the order came, not at this step
+            since = now - self.service_ns if self._last is None else self._last
+            self.medium.emit(since, self._noise.sources(since))
         if not len(chosen):
             return
         at = columns.at_ns[chosen] if self._last is None else np.maximum(columns.at_ns[chosen], self._last + 1)
