@@ -2,7 +2,7 @@
 
 A hop is fused — followed at sending time instead of by an event of its own — only where that cannot
 be told from the record: no tap on either hop, nobody listening in between, one route as the only
-source of the next hop, and a channel that keeps frames in order.
+source of the next hop, nobody speaking beside what is forwarded, and a channel that keeps frames in order.
 """
 
 from __future__ import annotations
@@ -171,6 +171,8 @@ def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[
         if not lane.forwards or lane.out_taps or lane.in_taps or not in_order or not lane.local:
             continue
         if Port(lane.dst, lane.link) in senders:  # an agent listens in between
+            continue
+        if Port(lane.src, lane.link) in voices:  # it meets what is forwarded: the next hop counts them as they come
             continue
         if all(
             sources[forward.lane.name] == 1
