@@ -96,7 +96,7 @@ def heard_section(rows: Sequence[Hearing], fleet: int, end_s: float) -> str:
     whose = "each receiver on the ground and each aircraft" if fleet <= MOST_AIRCRAFT else "each receiver on the ground"
     return (
         '<section id="air"><h2>On the air</h2>'
-        f'<p class="lead">Whom {whose} heard: the radio that truly sent, whoever it claimed to be. What ground stations '
+        f'<p class="lead">Whom {whose} heard: the radio that truly sent, whoever it claimed to be. What ground '
         "stations made of it stands under events as track seen and track lost.</p>"
         f'<div class="card">{table}{cut}</div></section>'
     )
