@@ -220,10 +220,13 @@ def fleet(
     load: Annotated[
         Load, typer.Option(metavar="LOAD", help="Telemetry asked for: light, or operator, what QGroundControl asks.")
     ] = Load.LIGHT,
+    remote_id: Annotated[
+        bool, typer.Option("--remote-id", help="Among buildings, with Remote ID over the radio medium, all listening.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
-    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, as_json)
+    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, as_json)
 
 
 @bench_app.command(epilog="Example: skyrange bench radio --nodes 1000 --json")

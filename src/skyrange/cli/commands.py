@@ -334,7 +334,7 @@ def doctor(as_json: bool) -> None:
         sys.exit(3)
 
 
-def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, as_json: bool) -> None:
+def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, remote_id: bool, as_json: bool) -> None:
     """`skyrange bench fleet`."""
     from skyrange.bench.fleet import PARTS, measure
 
@@ -342,7 +342,7 @@ def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, as_json: boo
     if not as_json:
         print(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
     for count in vehicles:
-        row = measure(count, seconds, load)
+        row = measure(count, seconds, load, remote_id)
         rows.append(row)
         if not as_json:
             shares = " · ".join(f"{part} {row['share'][part]:.0%}" for part in PARTS)

@@ -70,7 +70,7 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     city = build_city(scenario)
     scenario = placed(scenario, city)
     links, all_routes = _network(scenario)
-    made = make_attacks(scenario.attacks, setting_of(scenario, links))
+    made = make_attacks(scenario.attacks, setting_of(scenario, links, city))
     faults = [*check(scenario, city), *made.faults, *air_faults(scenario, made.radios)]
     faults += radio_faults(made.radios, city) if city is not None else ()
     if faults:
@@ -116,7 +116,7 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     )
 
 
-def setting_of(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
+def setting_of(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> Setting:
     """What attacks are told; the id, schedule and sham of each are its own."""
     vehicles = {}
     for operator, vehicle in scenario.fleet:
@@ -132,6 +132,7 @@ def setting_of(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
         chance=Chance(scenario.seed),
         duration_ns=from_seconds(scenario.duration_s),
         schedule=Schedule(),
+        city=city,
     )
 
 
