@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -73,13 +74,13 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> RunRecord:
     return fly(load_text(SCENARIO), tmp_path_factory.mktemp("overheard") / "run")
 
 
-def read(path: Path, *fields: str) -> list[dict[str, str]]:
-    """The last value of each field of each packet."""
+def read(path: Path, *fields: str, only: str = "frame") -> list[dict[str, str]]:
+    """The last value of each field of each packet, of those that a display filter lets pass."""
     assert TSHARK is not None
     wanted = [word for field in fields for word in ("-e", field)]
     options = ["-o", "wlan.check_checksum:TRUE", "-o", "ip.check_checksum:TRUE", "-E", "occurrence=l"]
     done = subprocess.run(
-        [TSHARK, "-n", "-r", path, *options, "-T", "fields", *wanted],
+        [TSHARK, "-n", "-r", path, "-Y", only, *options, "-T", "fields", *wanted],
         capture_output=True, text=True, check=True, timeout=120,
     )  # fmt: skip
     return [dict(zip(fields, line.split("\t"), strict=True)) for line in done.stdout.splitlines()]
@@ -213,6 +214,21 @@ def test_mavlink_as_delivered(record: RunRecord, tmp_path: Path) -> None:
         )
         expected.append((frame.arrived_ns, frame.link, *ends, frame.payload))
     assert found == sorted(expected)
+
+
+@needs_tshark
+def test_the_filters_of_the_how_to_find_packets(record: RunRecord, tmp_path: Path) -> None:
+    """As the page has them, with an address of this run; none finds all packets, each some."""
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "look-at-broadcasts-in-wireshark.md"
+    filters = re.findall(r"^\| [^|]+ \| (`.+`) \|$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    told = [one for row in filters for one in re.findall(r"`([^`]+)`", row)]
+    assert len(told) == 8
+    capture = remote_id(record, tmp_path / "all.pcapng")
+    address = received(record, "mast")[0][1].header.address.hex(":")
+    for one in told:
+        wanted = re.sub(r"(?:[0-9a-f]{2}:){5}[0-9a-f]{2}", address, one)
+        found = read(capture.path, "frame.number", only=wanted)
+        assert 0 < len(found) < capture.packets, one
 
 
 def test_the_command_line(record: RunRecord, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

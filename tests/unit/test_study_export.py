@@ -115,6 +115,25 @@ def test_a_run_without_a_radio_has_nothing_to_export(tmp_path: Path) -> None:
     assert export.mavlink(run).packets == 0
 
 
+def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_says_whose_it_is(tmp_path: Path) -> None:
+    """Of what arrived, by arrival."""
+    rows = {
+        "link": ["gcs:b/1", "gcs:b/1", "gcs:b/1"], "direction": ["fwd", "rev", "fwd"],
+        "sender": ["tap@gcs:b/1", "b/1.companion", "b.gcs"], "src": ["b.gcs", "b/1.companion", "b.gcs"],
+        "arrived_ns": [500, 300, None], "payload": [b"INJECTED", b"TELEMETRY", b"LOST"],
+    }  # fmt: skip
+    run = record()
+    run.tables.frames_with_payloads = lambda columns: iter([pa.table(rows)])  # type: ignore[attr-defined, method-assign]
+    made = export.mavlink(run, tmp_path / "m.pcapng")
+    assert made.by == {"gcs:a/1": 0, "gcs:b/1": 2}
+    written = made.path.read_bytes()
+    places = [written.index(part) for part in (b"TELEMETRY", b"INJECTED", b"gcs:b/1, sent by tap@gcs:b/1")]
+    assert places == sorted(places)
+    assert b"LOST" not in written
+    start = places[1] - 28
+    assert datagrams.udp(Socket(0x0AFF0002, 14550), Socket(0x0A000002, 14555), b"INJECTED") == written[start:][:36]
+
+
 def test_half_a_file_is_not_left_behind(tmp_path: Path) -> None:
     whole = tmp_path / "c.pcapng"
     rows = [("rid_down:a/1", "oracle", reception(1)), ("rid_down:a/1", "oracle", b"broken")]
