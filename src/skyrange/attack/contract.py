@@ -21,6 +21,7 @@ from skyrange.core.time import Epoch, Time
 if TYPE_CHECKING:
     from skyrange.agent.contracts import Agent, SensorFault
     from skyrange.agent.links import LinkSpec, Schedule, TapPlacement
+    from skyrange.city.city import City
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
 
@@ -58,6 +59,8 @@ class Setting:
     """From when until when the attack acts: filled in during the run, not before. Keep it and read it."""
     sham: bool = False
     """Make the sham: the same transmitter, airtime and timing, with content that harms nobody."""
+    city: City | None = None
+    """The buildings, if there are any: anybody can see those."""
 
     @property
     def radio(self) -> str:
@@ -115,6 +118,8 @@ class AttackKind:
     """A sentence: what it does."""
     technique: str = "no fit"
     """Id of the technique in MITRE ATT&CK for ICS, or "no fit"."""
+    places: Sequence[str] = ("at", "transmitter_m")
+    """Parameters that are places, where it has them: an attack's `anchor` moves them."""
 
     def __call__(self, params: Params, setting: Setting) -> Attack:
         """Make one."""

@@ -74,7 +74,7 @@ class Spoof(Params):
     transmitter_m: Enu | None = Field(
         default=None,
         description="Where the attacker's transmitter stands: [east_m, north_m, up_m] in metres; "
-        "default: 2 m above the ground below the place that is claimed.",
+        "default: 2 m above the ground or the roof below the place that is claimed.",
     )
     power_dbm: Number = Field(
         default=20.0, ge=-30, le=50, description="Its radiated power (EIRP) in dBm; 20 is what Europe allows."
@@ -138,7 +138,8 @@ def make(params: Spoof, setting: Setting) -> Attack:
     for name, vehicle in (("vehicle", params.vehicle), ("on", params.on)):
         if vehicle is not None:
             known_vehicle(setting, name, vehicle)
-    place = params.transmitter_m or (params.at[0], params.at[1], MAST_M)
+    below_m = setting.city.height_at(*params.at[:2]) if setting.city is not None else 0.0
+    place = params.transmitter_m or (params.at[0], params.at[1], below_m + MAST_M)
     forger = Forger(
         personas=_personas(params, setting),
         places=_places(params, setting),

@@ -27,6 +27,9 @@ class Receiver(Model):
     id: Id = Field(description="Name, unique among the receivers.")
     operator: str = Field(description="Whose ground station is told.")
     place: Enu = Field(description="Where its antenna is: [east_m, north_m, up_m] in metres from the origin.")
+    placing: Literal["exact", "clear"] = Field(
+        default="exact", description="exact: there; clear: at the nearest place, as high up, that is in no building."
+    )
     kind: Literal["companion", "sniffer", "hopper", "phone", "phone-idle"] = Field(
         default="sniffer",
         description="What it listens to, and when: sniffer stays on Wi-Fi channel 6; hopper goes through the Wi-Fi "

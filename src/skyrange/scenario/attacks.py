@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, fi
 from skyrange.agent.links import AttackPlan, LinkSpec, Schedule, TapPlacement
 from skyrange.agent.plugins import ATTACKS, find
 from skyrange.agent.settings import Enu, Params
-from skyrange.attack.contract import Attack, AttackKind, Setting, Transmitter
+from skyrange.attack.contract import Attack, AttackKind, Place, Setting, Transmitter
 from skyrange.attack.triggers import Near
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import owner_of
@@ -73,6 +73,10 @@ class AttackTable(Model):
     sham: bool = Field(
         default=False, strict=True, description="The same transmitter, airtime and timing with content that is benign."
     )
+    anchor: str | None = Field(
+        default=None,
+        description="An aircraft such as 'green/g1': places count from where it starts; default: from the origin.",
+    )
     params: dict[str, Any] = Field(
         default_factory=dict, validate_default=True, description="The kind's own parameters."
     )
@@ -114,14 +118,14 @@ def kind_of(name: str) -> AttackKind:
 
 
 def attack_faults(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Fault]:
-    """Aircraft in triggers that the scenario does not have."""
+    """Aircraft in triggers and anchors that the scenario does not have."""
     for index, attack in enumerate(attacks):
-        if attack.when is None:
-            continue
-        for key, name in zip(("vehicle", "of"), attack.when.vehicles, strict=False):
+        named = [("anchor", attack.anchor)] if attack.anchor is not None else []
+        if attack.when is not None:
+            named += zip(("when.vehicle", "when.of"), attack.when.vehicles, strict=False)
+        for key, name in named:
             if name not in vehicles:
-                hint = nearest(name, vehicles)
-                yield Fault(f"attacks.{index}.when.{key}", name, "a vehicle of the scenario", hint)
+                yield Fault(f"attacks.{index}.{key}", name, "a vehicle of the scenario", nearest(name, vehicles))
 
 
 @dataclass(slots=True)
@@ -147,7 +151,7 @@ def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> Made:
         own = replace(setting, id=attack.id, schedule=Schedule(), sham=attack.sham)
         where = f"attacks.{attack.id}"
         try:
-            found = kind_of(attack.kind)(attack.settings, own)
+            found = kind_of(attack.kind)(_anchored(attack, setting), own)
         except InputError as error:
             made.faults += [Fault(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
             continue
@@ -156,7 +160,7 @@ def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> Made:
             if not any(fnmatchcase(name, tap.match) for name in names):
                 hint = nearest(tap.match, names)
                 made.faults.append(Fault(f"{where}.params", tap.match, "a link of the scenario", hint))
-        made.plans.append(_plan(attack, found, own.schedule))
+        made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, setting)))
         made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
         made.links += found.links
         made.radios += found.radios
@@ -164,7 +168,27 @@ def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> Made:
     return made
 
 
-def _plan(attack: AttackTable, made: Attack, schedule: Schedule) -> AttackPlan:
+def _anchor(attack: AttackTable, setting: Setting) -> Place:
+    """Where its places count from."""
+    return (0.0, 0.0, 0.0) if attack.anchor is None else setting.vehicles[attack.anchor].start_enu_m
+
+
+def _from(anchor: Place, place: Place) -> Place:
+    return (anchor[0] + place[0], anchor[1] + place[1], anchor[2] + place[2])
+
+
+def _anchored(attack: AttackTable, setting: Setting) -> Params:
+    """Its parameters with places in metres from the origin."""
+    settings, anchor = attack.settings, _anchor(attack, setting)
+    places = {name: getattr(settings, name, None) for name in kind_of(attack.kind).places}
+    moved = {name: _from(anchor, place) for name, place in places.items() if place is not None}
+    return settings.model_copy(update=moved)
+
+
+def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) -> AttackPlan:
+    trigger = attack.when.trigger if attack.when is not None else None
+    if trigger is not None and trigger.place_enu_m is not None:
+        trigger = replace(trigger, place_enu_m=_from(anchor, trigger.place_enu_m))
     return AttackPlan(
         attack.id,
         start_ns=from_seconds(attack.start_s),
@@ -172,7 +196,7 @@ def _plan(attack: AttackTable, made: Attack, schedule: Schedule) -> AttackPlan:
         muted=attack.muted,
         agents=made.agents,
         faults=made.faults,
-        trigger=attack.when.trigger if attack.when is not None else None,
+        trigger=trigger,
         lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
         schedule=schedule,
     )

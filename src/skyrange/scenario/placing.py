@@ -1,7 +1,7 @@
 """Where can a mission drawn elsewhere be flown here? The nearest shift that keeps it clear of walls.
 
-Start and plan move together, so a mission keeps its shape. Places are tried on a square lattice, nearest
-first; equal distances go by angle. Nothing depends on chance.
+Start and plan move together, so a mission keeps its shape; a receiver on the ground moves out of a building. Places are
+tried on a square lattice, nearest first; equal distances go by angle. Nothing depends on chance.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from skyrange.city.city import City
 from skyrange.core.errors import Fault, InputError
 from skyrange.gcs.paths import Point
 from skyrange.gcs.routes import enu_points
+from skyrange.scenario.air import Receiver
 from skyrange.scenario.airspace import Airspace
 from skyrange.scenario.faults import spelled
 from skyrange.scenario.fleet import Vehicle
@@ -29,12 +30,13 @@ REACH_M = 600.0
 
 
 def placed(scenario: Scenario, city: City | None) -> Scenario:
-    """The scenario with every `placing = "clear"` carried out: starts moved, placing exact.
+    """The scenario with every `placing = "clear"` carried out: starts and receivers moved, placing exact.
 
     Vehicles are placed in order; each keeps clear of the exact ones' paths and of those placed before
     it, so that a shift makes no collision of its own. Raises InputError with a fault for each that finds
     no place or whose mission file is bad.
     """
+    scenario = _receivers_placed(scenario, city)
     if all(vehicle.placing == "exact" for _, vehicle in scenario.fleet):
         return scenario
     datum = scenario.origin.datum
@@ -97,6 +99,40 @@ def _shifted(vehicle: Vehicle, shift: tuple[float, float]) -> Vehicle:
     start = vehicle.start
     moved = start.model_copy(update={"east_m": start.east_m + shift[0], "north_m": start.north_m + shift[1]})
     return vehicle.model_copy(update={"start": moved, "placing": "exact"})
+
+
+def _receivers_placed(scenario: Scenario, city: City | None) -> Scenario:
+    """The scenario with its receivers outside buildings. `InputError` with a fault for each that finds no place."""
+    radio = scenario.radio
+    if radio is None or all(receiver.placing == "exact" for receiver in radio.receivers):
+        return scenario
+    found = [_outside(receiver, city) for receiver in radio.receivers]
+    faults = [
+        Fault(
+            f"radio.receivers.{index}.placing",
+            f"clear, from {list(receiver.place)} m",
+            f"a place within {REACH_M:g} m that is in no building",
+            "Put it higher up, or elsewhere.",
+        )
+        for index, receiver in enumerate(radio.receivers)
+        if found[index] is None
+    ]
+    if faults:
+        raise InputError("scenario", faults)
+    receivers = tuple(receiver for receiver in found if receiver is not None)
+    return scenario.model_copy(update={"radio": radio.model_copy(update={"receivers": receivers})})
+
+
+def _outside(receiver: Receiver, city: City | None) -> Receiver | None:
+    """A receiver at the nearest place that is in no building; None if there is none within reach."""
+    if receiver.placing == "exact":
+        return receiver
+    east_m, north_m, up_m = receiver.place
+    for shift in _lattice():
+        place = (east_m + shift[0], north_m + shift[1], up_m)
+        if city is None or city.inside(*place) is None:
+            return receiver.model_copy(update={"place": place, "placing": "exact"})
+    return None
 
 
 def _no_place(where: str, start: Point) -> Fault:

@@ -31,7 +31,7 @@ from skyrange.scenario.attacks import make_attacks, radio_faults
 from skyrange.scenario.check import check
 from skyrange.scenario.emit import to_toml
 from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.medium import air_faults, air_network, on_air
+from skyrange.scenario.medium import air_faults, air_network, lookout_of, on_air
 from skyrange.scenario.placing import placed
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.surroundings import build_city
@@ -70,7 +70,7 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     city = build_city(scenario)
     scenario = placed(scenario, city)
     links, all_routes = _network(scenario)
-    made = make_attacks(scenario.attacks, setting_of(scenario, links))
+    made = make_attacks(scenario.attacks, setting_of(scenario, links, city))
     faults = [*check(scenario, city), *made.faults, *air_faults(scenario, made.radios, city)]
     faults += radio_faults(made.radios, city)
     if faults:
@@ -92,7 +92,8 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
             )
             for vehicle in operator.vehicles
         ]
-        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams))
+        lookout = lookout_of(operator.id, scenario)
+        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams, lookout=lookout))
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
@@ -115,7 +116,7 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     )
 
 
-def setting_of(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
+def setting_of(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> Setting:
     """What attacks are told; the id, schedule and sham of each are its own."""
     vehicles = {}
     for operator, vehicle in scenario.fleet:
@@ -131,6 +132,7 @@ def setting_of(scenario: Scenario, links: Sequence[LinkSpec]) -> Setting:
         chance=Chance(scenario.seed),
         duration_ns=from_seconds(scenario.duration_s),
         schedule=Schedule(),
+        city=city,
     )
 
 
@@ -235,6 +237,10 @@ def _header(
                 "channel": {name: getattr(spec.channel, name) for name in spec.channel.__slots__},
             }
             for spec in links
+        ],
+        "receivers": [
+            {"id": receiver.id, "operator": receiver.operator, "kind": receiver.kind, "at_enu_m": list(receiver.place)}
+            for receiver in (scenario.radio.receivers if scenario.radio is not None else ())
         ],
         "city": {"source": city.source, "buildings": len(city.buildings)} if city is not None else None,
     }

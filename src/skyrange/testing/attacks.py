@@ -82,7 +82,7 @@ class AttackCase:
         """A fresh attack and its schedule."""
         rig = wire(self.scenario)
         schedule = Schedule()
-        setting = replace(setting_of(rig.scenario, rig.wiring.links), id=ID, schedule=schedule, sham=sham)
+        setting = replace(setting_of(rig.scenario, rig.wiring.links, rig.city), id=ID, schedule=schedule, sham=sham)
         try:
             attack = self.kind(self.kind.params.model_validate(dict(self.params)), setting)
         except SkyrangeError:

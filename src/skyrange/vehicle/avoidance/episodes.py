@@ -4,18 +4,26 @@ A kind says where to go; this says when. It begins with a conflict. The mission 
 goal has been clear of walls and, by a margin, of others for a while: entering and leaving have different
 thresholds, so that it does not chatter. With no way at all the aircraft holds, after a while accepts a smaller
 distance, and in the end goes home: it does not wait for ever.
+
+Who was climbing or descending over one place comes back there first. A take-off or a landing that is resumed goes
+straight up or down from wherever it is, and a mission flies on from there: over what nobody has looked at.
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import replace
+from typing import Final
 
 from skyrange.city.city import City
 from skyrange.core.time import Time, from_seconds
 from skyrange.vehicle.avoidance.conflicts import in_the_way, towards
 from skyrange.vehicle.avoidance.contract import KEEP, Action, Decision, Episode, Limits, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.walls import straight, walls_of
+
+UPRIGHT_M: Final = 3.0
+"""A goal within this of a place seen from above is over it, or under it."""
 
 
 class Episodic(ABC):
@@ -45,6 +53,9 @@ class Episodic(ABC):
                 return KEEP
             return self._move(now, own, tracks, Episode(now, own.pos_enu_m), rows)
         rows, open_ = self._resumable(own, tracks)
+        east_m, north_m, _ = own.goal_enu_m
+        if _beside(episode.anchor_enu_m, own.goal_enu_m) <= UPRIGHT_M < _beside(own.pos_enu_m, own.goal_enu_m):
+            own, open_ = own._replace(goal_enu_m=(east_m, north_m, own.pos_enu_m[2])), False
         if not open_:
             episode = replace(episode, clear_ns=None)
         elif episode.clear_ns is None:
@@ -86,3 +97,8 @@ class Episodic(ABC):
     def still_good(self, own: Own, tracks: Tracks, episode: Episode) -> bool:
         """Whether the waypoint that was chosen may be flown to still."""
         return False
+
+
+def _beside(place: Vector, goal: Vector) -> float:
+    """How far a place is from a goal seen from above, in metres."""
+    return math.hypot(place[0] - goal[0], place[1] - goal[1])
