@@ -127,11 +127,11 @@ def test_us_profile_sends_every_element_of_89_305_each_second() -> None:
 
 def test_header_of_a_broadcast() -> None:
     aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION))
-    sent = aircraft.sent(4 * NS_PER_S)
+    sent = aircraft.sent(4 * US_NS)
     assert len(sent) == 4
     due = sent[0][2].header.time_ns
     for count, (now, _, frame) in enumerate(sent):
-        at_ns = due + count * NS_PER_S  # when the radio is to send it, to the nanosecond
+        at_ns = due + count * US_NS  # when the radio is to send it, to the nanosecond
         assert frame.header == rid_link.RidHeader(
             Transport.WIFI_BEACON, rid_link.ANY_CHANNEL, count, address_of("blue/b1"), rid_link.NO_RSSI, at_ns
         )
