@@ -23,7 +23,7 @@ from skyrange.radio.receivers import COMPANION
 from skyrange.radio.surroundings import Surroundings
 from skyrange.testing import Letter, check_agent
 
-STEP = 10 * NS_PER_MS
+STEP = Oracle.service_ns
 NAMES = ("blue/b1", "blue/b2", "red/r1")
 
 
@@ -207,3 +207,17 @@ def test_it_is_an_agent() -> None:
         for k, transport in enumerate(list(Transport) * 30)
     ]
     check_agent(make, mail=mail)
+
+
+def test_a_frame_goes_at_the_time_in_its_header_but_is_not_held_long() -> None:
+    """A radio sends by its own clock what it was given a little ahead; a time long ahead or past counts for nothing."""
+    for ahead_ns, wait_ns in ((30 * NS_PER_MS, 30 * NS_PER_MS), (10 * 1000 * NS_PER_MS, 0), (-5 * NS_PER_MS, 0)):
+        at = 3 * STEP + 1
+        payload = rid_link.pack(RidHeader(Transport.WIFI_BEACON, counter=1, time_ns=at + ahead_ns), bytes(25))
+        ends = [
+            rid_link.unpack(payload).header.time_ns
+            for port, payload, _ in run(oracle(), [arrival("blue/b1", at, payload)], 20 * STEP)
+            if port.link.startswith("rid_down")
+        ]
+        assert ends
+        assert all(wait_ns < end - at < wait_ns + 2 * NS_PER_MS for end in ends)

@@ -18,7 +18,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.remoteid.belief import Beliefs
-from skyrange.remoteid.broadcaster import TROUBLES, Broadcaster
+from skyrange.remoteid.broadcaster import AHEAD_NS, TROUBLES, Broadcaster
 from skyrange.remoteid.profiles import Broadcast, address_of, serial_number
 
 UTC_US = 1_767_323_045_000_000  # 2026-01-02T03:04:05Z
@@ -126,10 +126,14 @@ def test_us_profile_sends_every_element_of_89_305_each_second() -> None:
 def test_header_of_a_broadcast() -> None:
     aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION))
     sent = aircraft.sent(4 * NS_PER_S)
+    assert len(sent) == 4
+    due = sent[0][2].header.time_ns
     for count, (now, _, frame) in enumerate(sent):
+        at_ns = due + count * NS_PER_S  # when the radio is to send it, to the nanosecond
         assert frame.header == rid_link.RidHeader(
-            Transport.WIFI_BEACON, rid_link.ANY_CHANNEL, count, address_of("blue/b1"), rid_link.NO_RSSI, now
+            Transport.WIFI_BEACON, rid_link.ANY_CHANNEL, count, address_of("blue/b1"), rid_link.NO_RSSI, at_ns
         )
+        assert 0 < at_ns - now <= AHEAD_NS
     first = address_of("blue/b1")[0]
     assert first & 0b11000011 == 0b11000010  # locally administered unicast, and random static
     assert address_of("blue/b1") != address_of("blue/b2")

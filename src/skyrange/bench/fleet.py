@@ -17,7 +17,18 @@ from skyrange.core.time import to_seconds
 from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
-from skyrange.scenario.schema import Operator, Origin, Scenario, Start, Vehicle, path
+from skyrange.scenario.schema import (
+    Avoidance,
+    City,
+    Grid,
+    Operator,
+    Origin,
+    Radio,
+    Scenario,
+    Start,
+    Vehicle,
+    path,
+)
 
 __all__ = ["PARTS", "fleet_scenario", "measure"]
 
@@ -27,12 +38,17 @@ SPEED_MPS = 5.0
 SIDE_M = 80.0
 APART_M = 40.0
 PER_OPERATOR = 1000
+WALL_M = 10.0
+"""Between a lap and the block that it goes round, with Remote ID."""
+HORIZON_M = 500.0
+"""Of the radio medium: some sixty aircraft are nearer than that."""
 
 
-def fleet_scenario(vehicles: int, seconds: float, load: str = "light") -> Scenario:
+def fleet_scenario(vehicles: int, seconds: float, load: str = "light", remote_id: bool = False) -> Scenario:
     """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
 
-    `load` is the telemetry that ground stations ask for, a profile of `gcs.streams`.
+    `load` is the telemetry that ground stations ask for, a profile of `gcs.streams`. With `remote_id` each goes round a
+    block of a downtown, broadcasts over Wi-Fi each second, hears the others and would avoid them.
     """
     # a third more than the time asks for, because corners are cut
     path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
@@ -43,15 +59,23 @@ def fleet_scenario(vehicles: int, seconds: float, load: str = "light") -> Scenar
     points = [(0.0, 0.0), *(lap * laps)]
     columns = math.ceil(math.sqrt(vehicles))
     spacing_m = side_m + APART_M
+    first_m = -0.5 * (columns - 1) * spacing_m - 0.5 * side_m  # so that laps go round the blocks of a downtown
     fleet = [
         Vehicle(
-            start=Start(east_m=spacing_m * (index % columns), north_m=spacing_m * (index // columns)),
+            start=Start(
+                east_m=first_m + spacing_m * (index % columns), north_m=first_m + spacing_m * (index // columns)
+            ),
             plan=path(points, alt_m=30.0, speed_mps=SPEED_MPS),
         )
         for index in range(vehicles)
     ]
     operators = [
-        Operator(id=f"op{start // PER_OPERATOR + 1}", streams=load, vehicles=tuple(fleet[start : start + PER_OPERATOR]))
+        Operator(
+            id=f"op{start // PER_OPERATOR + 1}",
+            streams=load,
+            avoidance=Avoidance(kind="geometric") if remote_id else None,
+            vehicles=tuple(fleet[start : start + PER_OPERATOR]),
+        )
         for start in range(0, vehicles, PER_OPERATOR)
     ]
     return Scenario(
@@ -59,10 +83,18 @@ def fleet_scenario(vehicles: int, seconds: float, load: str = "light") -> Scenar
         duration_s=WARM_UP_S + seconds,
         origin=Origin(lat=-35.3633280, lon=149.1652241),
         operators=tuple(operators),
+        city=_downtown(columns, side_m) if remote_id else None,
+        radio=Radio(horizon_m=HORIZON_M, city_busy=0.2) if remote_id else None,
     )
 
 
-def measure(vehicles: int, seconds: float, load: str = "light") -> dict[str, Any]:
+def _downtown(columns: int, side_m: float) -> City:
+    """A block inside each lap, of four buildings 20 to 90 m high."""
+    block_m = side_m - 2 * WALL_M
+    return City(grid=Grid(blocks=(columns, columns), street_m=side_m + APART_M - block_m, block_m=block_m))
+
+
+def measure(vehicles: int, seconds: float, load: str = "light", remote_id: bool = False) -> dict[str, Any]:
     """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
 
     `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` the process's
@@ -70,11 +102,12 @@ def measure(vehicles: int, seconds: float, load: str = "light") -> dict[str, Any
     aircraft-second costs in that currency; `memory_mb` its peak resident set, of which `base_memory_mb`
     was there before the fleet; `setup_s` and `finalise_s` are wall seconds before and after, not in the
     factor; `flying` how many were armed and on their mission all through; `frames_per_s` frames per
-    simulated second over all hops; `disk_mb` the finished run folder; `share` the share of CPU time per part.
+    simulated second over all hops, `receptions_per_s` broadcasts that were decoded; `disk_mb` the finished run folder;
+    `share` the share of CPU time per part.
     """
     context = multiprocessing.get_context("spawn")  # a clean process: nothing of the caller's memory
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_worker, args=(sender, vehicles, seconds, load))
+    process = context.Process(target=_worker, args=(sender, vehicles, seconds, load, remote_id))
     process.start()
     sender.close()
     try:
@@ -86,11 +119,11 @@ def measure(vehicles: int, seconds: float, load: str = "light") -> dict[str, Any
     return row
 
 
-def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str) -> None:
+def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str, remote_id: bool) -> None:
     base_mb = peak_memory_mb()
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        run = Run.start(fleet_scenario(vehicles, seconds, telemetry), Path(folder) / "run")
+        run = Run.start(fleet_scenario(vehicles, seconds, telemetry, remote_id), Path(folder) / "run")
         run.advance(WARM_UP_S)
         setup_s = time.perf_counter() - began
         with Sampler() as sampler:
@@ -108,6 +141,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str) -
             "vehicles": vehicles,
             "seconds": seconds,
             "load": telemetry,
+            "remote_id": remote_id,
             "real_time_factor": round(seconds / wall_s, 3),
             "cpu_s": round(cpu_s, 3),
             "yardstick_us": round(yard_us, 2),
@@ -118,6 +152,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str) -
             "setup_s": round(setup_s, 3),
             "finalise_s": round(finalise_s, 3),
             "flying": _flying(record),
+            "receptions_per_s": round(record.rows("receptions") / to_seconds(run.now), 1),
             "frames_per_s": round(record.rows("frames") / to_seconds(run.now), 1),
             "disk_mb": round(sum(f.stat().st_size for f in record.path.rglob("*") if f.is_file()) / 1e6, 2),
             "share": sampler.shares(),

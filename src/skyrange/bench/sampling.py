@@ -13,7 +13,7 @@ from types import FrameType, TracebackType
 
 INTERVAL_S = 0.005
 
-PARTS = ("physics", "control", "MAVLink", "ground stations", "kernel", "recording", "other")
+PARTS = ("physics", "control", "MAVLink", "ground stations", "air", "kernel", "recording", "other")
 
 _PACKAGES = {
     "world": "physics",
@@ -22,16 +22,29 @@ _PACKAGES = {
     "codec": "MAVLink",
     "gcs": "ground stations",
     "utm": "ground stations",
+    "radio": "air",
+    "remoteid": "air",
     "kernel": "kernel",
     "agent": "kernel",
     "core": "kernel",
     "record": "recording",
 }
 _MODULES = {
+    "skyrange.vehicle.companion": "air",
+    "skyrange.vehicle.avoidance": "air",
     "skyrange.vehicle.builtin.telemetry": "MAVLink",
     "skyrange.vehicle.builtin.mission_protocol": "MAVLink",
     "skyrange.vehicle.builtin.commands": "MAVLink",
 }
+
+
+def _part_of(module: str) -> str | None:
+    names = module.split(".")
+    for depth in (4, 3):
+        part = _MODULES.get(".".join(names[:depth]))
+        if part is not None:
+            return part
+    return _PACKAGES.get(names[1])
 
 
 class Sampler:
@@ -55,7 +68,7 @@ class Sampler:
         while frame is not None:
             module = frame.f_globals.get("__name__", "")
             if module.startswith("skyrange."):
-                part = _MODULES.get(".".join(module.split(".")[:4])) or _PACKAGES.get(module.split(".")[1])
+                part = _part_of(module)
                 if part is not None:
                     self.samples[part] += 1
                     return

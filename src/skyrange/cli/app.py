@@ -151,6 +151,37 @@ def report(
     commands.report(run, out, as_json)
 
 
+class Kind(StrEnum):
+    """Captures that can be made of a run."""
+
+    REMOTE_ID = "remote_id"
+    MAVLINK = "mavlink"
+
+
+@app.command(epilog="Example: skyrange export runs/rid-spoofing --only remote_id --receiver green/g1")
+def export(
+    run: RunFolder,
+    only: Annotated[
+        Kind | None,
+        typer.Option(metavar="KIND", help="remote_id or mavlink. Default: all that the run has."),
+    ] = None,
+    receiver: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Of Remote ID only what this one received: a vehicle, a ground receiver or an attack that listens. "
+            "May be repeated. Default: all of them.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="An existing folder to write to. Default: the run's.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write captures for Wireshark: remote_id.pcapng as received over the air, mavlink.pcapng of the gcs links."""
+    commands.export(run, only.value if only is not None else None, receiver or [], out, as_json)
+
+
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="A run's folder.", show_default=False)],
@@ -189,10 +220,13 @@ def fleet(
     load: Annotated[
         Load, typer.Option(metavar="LOAD", help="Telemetry asked for: light, or operator, what QGroundControl asks.")
     ] = Load.LIGHT,
+    remote_id: Annotated[
+        bool, typer.Option("--remote-id", help="Among buildings, with Remote ID over the radio medium, all listening.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
-    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, as_json)
+    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, as_json)
 
 
 @bench_app.command(epilog="Example: skyrange bench radio --nodes 1000 --json")

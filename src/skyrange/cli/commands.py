@@ -261,6 +261,32 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
         print(path)
 
 
+def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, as_json: bool) -> None:
+    """`skyrange export`."""
+    from skyrange.record import load
+    from skyrange.study import export as captures
+    from skyrange.study.overheard import has_radio
+
+    record = load(folder)
+    target = out.expanduser() if out is not None else record.path
+    if not target.is_dir():
+        raise InputError.one("--out", "folder", str(target), "a folder that exists")
+    if receivers and only == "mavlink":
+        raise InputError.one("--receiver", "with --only mavlink", receivers[0], "Remote ID to be exported")
+    made = {}
+    if only == "remote_id" or receivers or (only is None and has_radio(record)):
+        made["remote_id"] = captures.remote_id(record, target / captures.REMOTE_ID, receivers)
+    if only != "remote_id":
+        made["mavlink"] = captures.mavlink(record, target / captures.MAVLINK)
+    if as_json:
+        _print_json({name: {**one._asdict(), "path": str(one.path)} for name, one in made.items()})
+        return
+    for one in made.values():
+        print(f"{one.packets:>9,} packets  {one.path}")
+    if "remote_id" not in made and only is None:
+        print("no Remote ID: the run has no radio medium", file=sys.stderr)
+
+
 def diff(a: Path, b: Path, as_json: bool) -> None:
     """`skyrange diff`."""
     from skyrange.record import load
@@ -308,7 +334,7 @@ def doctor(as_json: bool) -> None:
         sys.exit(3)
 
 
-def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, as_json: bool) -> None:
+def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, remote_id: bool, as_json: bool) -> None:
     """`skyrange bench fleet`."""
     from skyrange.bench.fleet import PARTS, measure
 
@@ -316,7 +342,7 @@ def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, as_json: boo
     if not as_json:
         print(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
     for count in vehicles:
-        row = measure(count, seconds, load)
+        row = measure(count, seconds, load, remote_id)
         rows.append(row)
         if not as_json:
             shares = " · ".join(f"{part} {row['share'][part]:.0%}" for part in PARTS)

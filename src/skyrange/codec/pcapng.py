@@ -8,18 +8,22 @@ LINKTYPE_BLUETOOTH_LE_LL_WITH_PHDR (link type 256). Functions give bytes; puttin
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 RADIOTAP: Final = 127
 """Link type: radiotap header, then an 802.11 frame."""
 BLE_PHDR: Final = 256
 """Link type: a 10-byte radio header, then a Bluetooth LE packet from its access address on."""
+IPV4: Final = 228
+"""Link type: an IPv4 datagram (`codec.datagrams`) without anything before it."""
 
 _BYTE_ORDER: Final = 0x1A2B3C4D
 _SECTION: Final = 0x0A0D0D0A
 _INTERFACE: Final = 1
+_NAMES: Final = 4
 _PACKET: Final = 6
+_NAME_OF_IPV4: Final = 1
 _NAME: Final = 2
 _RESOLUTION: Final = 9
 _COMMENT: Final = 1
@@ -53,13 +57,25 @@ def _option(code: int, value: bytes) -> bytes:
     return struct.pack("<HH", code, len(value)) + value + bytes(-len(value) % 4)
 
 
-def head(interfaces: Iterable[tuple[str, int]]) -> bytes:
-    """A file's beginning: its section, and its interfaces (name, link type), numbered from 0. Times count ns."""
-    blocks = [_block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1))]
-    for name, link_type in interfaces:
-        options = _option(_NAME, name.encode()) + _option(_RESOLUTION, b"\x09") + _option(0, b"")
-        blocks.append(_block(_INTERFACE, struct.pack("<HHI", link_type, 0, 0) + options))
-    return b"".join(blocks)
+def head(interfaces: Iterable[tuple[str, int]] = ()) -> bytes:
+    """A file's beginning: its section, and its first interfaces (name, link type), numbered from 0."""
+    section = _block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1))
+    return section + b"".join(interface(name, link_type) for name, link_type in interfaces)
+
+
+def interface(name: str, link_type: int) -> bytes:
+    """The next interface, by its order in the file; packets refer to it from then on. Their times count ns."""
+    options = _option(_NAME, name.encode()) + _option(_RESOLUTION, b"\x09") + _option(0, b"")
+    return _block(_INTERFACE, struct.pack("<HHI", link_type, 0, 0) + options)
+
+
+def names(by_address: Mapping[int, str]) -> bytes:
+    """What IPv4 addresses are called, so that whoever reads the file shows names in their place."""
+    rows = [
+        _option(_NAME_OF_IPV4, address.to_bytes(4, "big") + name.encode() + b"\0")
+        for address, name in by_address.items()
+    ]
+    return _block(_NAMES, b"".join(rows) + _option(0, b""))
 
 
 def packet(interface: int, utc_ns: int, data: bytes, comment: str = "") -> bytes:

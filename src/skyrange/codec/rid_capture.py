@@ -1,39 +1,51 @@
 """Which packet does a capture show for a Remote ID reception? The frame as it was in the air, under its radio header.
 
-Interface 0 of such a capture is Wi-Fi, interface 1 Bluetooth LE; `pcapng.head(INTERFACES)` begins the file.
+A receiver has two interfaces in such a capture, Wi-Fi and then Bluetooth LE: `INTERFACES`, numbered on from its first.
 """
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 from skyrange.codec import ble, pcapng, wifi
-from skyrange.codec.rid_link import NO_RSSI, RidFrame, Transport
+from skyrange.codec.rid_link import NO_RSSI, RidFrame, RidHeader, Transport
 
 INTERFACES: Final = (("wifi", pcapng.RADIOTAP), ("ble", pcapng.BLE_PHDR))
 WIFI_RATE_MBPS: Final = 6.0
 """OFDM's lowest, at which Beacons and NAN frames announce themselves (`wifi.RATES`)."""
+_WIFI: Final = frozenset((Transport.WIFI_BEACON, Transport.WIFI_NAN))
 
 
-def packet(frame: RidFrame, start_utc_ns: int, comment: str = "") -> bytes:
+def packet(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0) -> bytes:
     """The pcapng block of a broadcast that was received, at `start_utc_ns` (Unix time of range time 0) plus its time.
 
-    The header's channel must be known (not `rid_link.ANY_CHANNEL`). `ValueError` where the transport's frame cannot
-    hold the body, as of a message pack in a Bluetooth 4 advertisement, or where there is no such channel.
+    `first` is the number of its receiver's first interface. The header's channel must be known (not
+    `rid_link.ANY_CHANNEL`). `ValueError` where the transport's frame cannot hold the body, as of a message pack in a
+    Bluetooth 4 advertisement, or where there is no such channel.
     """
     header = frame.header
     signal_dbm = None if header.rssi_cdbm == NO_RSSI else header.rssi_cdbm / 100
-    transport = Transport(header.transport)
-    if transport in (Transport.WIFI_BEACON, Transport.WIFI_NAN):
-        interface = 0
+    sent = _in_the_air(header.transport, header.counter, header.address, header.time_ns, frame.body)
+    if header.transport in _WIFI:
         radio = pcapng.radiotap(header.channel, WIFI_RATE_MBPS, signal_dbm)
-        if transport == Transport.WIFI_BEACON:
-            sent = wifi.beacon(frame, timestamp_us=max(header.time_ns // 1000, 0))
-        else:
-            sent = wifi.nan_action(frame)
     else:
-        interface = 1
-        extended = transport == Transport.BT5
+        first += 1
+        extended = header.transport == Transport.BT5
         radio = pcapng.ble_phdr(header.channel, signal_dbm, coded=extended, auxiliary=extended)
-        sent = ble.auxiliary(frame) if extended else ble.legacy(frame)
-    return pcapng.packet(interface, start_utc_ns + header.time_ns, radio + sent, comment)
+    return pcapng.packet(first, start_utc_ns + header.time_ns, radio + sent, comment)
+
+
+@lru_cache(maxsize=1024)
+def _in_the_air(transport: int, counter: int, address: bytes, time_ns: int, body: bytes) -> bytes:
+    """Kept for a while, since all receivers of one transmission follow each other."""
+    frame = RidFrame(RidHeader(transport, counter=counter, address=address, time_ns=time_ns), body)
+    match Transport(transport):
+        case Transport.WIFI_BEACON:
+            return wifi.beacon(frame, timestamp_us=max(time_ns // 1000, 0))
+        case Transport.WIFI_NAN:
+            return wifi.nan_action(frame)
+        case Transport.BT4:
+            return ble.legacy(frame)
+        case Transport.BT5:
+            return ble.auxiliary(frame)

@@ -1,7 +1,8 @@
 """Who flies an operator's fleet? The ground station: one agent, a remote pilot per aircraft.
 
 It talks on `gcs:<vehicle>` with each of its own aircraft and on `approval:<operator>` with the flight
-approval, and owns no other port. Who is due next stands in a heap, so a fleet that is silent costs nothing.
+approval, and hears of its ground receivers on `oracle:<operator>`, where it has any. Who is due next stands
+in a heap, so a fleet that is silent costs nothing.
 Telemetry is decoded in columns; a pilot reads what may change what it does (`gcs.reading`).
 """
 
@@ -23,6 +24,7 @@ from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.belief import Belief, Beliefs
 from skyrange.gcs.flights import Flight, Outcome
 from skyrange.gcs.lifecycle import OVER, State
+from skyrange.gcs.lookout import Lookout
 from skyrange.gcs.pilot import (
     AUTOPILOT_COMPONENT,
     HEARTBEAT_NS,
@@ -35,6 +37,7 @@ from skyrange.gcs.pilot import (
 )
 from skyrange.gcs.reading import Reader
 from skyrange.gcs.streams import PROFILES
+from skyrange.remoteid.tracks import TrackTable
 from skyrange.utm.messages import DecisionBody, decode_response
 
 SERVICE_NS = 20 * NS_PER_MS
@@ -55,9 +58,10 @@ class GroundStation:
         epoch: Epoch,
         *,
         streams: str = "light",
+        lookout: Lookout | None = None,
         service_ns: Time = SERVICE_NS,
     ) -> None:
-        """Plans must be free of faults (`checks.check`).
+        """Plans must be free of faults (`checks.check`); `lookout` is of this operator's ground receivers.
 
         Raises `InputError` for another operator's vehicle, a vehicle or system id given twice or out of
         range, or an unknown profile of `streams`.
@@ -83,7 +87,10 @@ class GroundStation:
             for place, flight in enumerate(flights)
         ]
         self._reader = Reader(self._beliefs, [flight.system_id for flight in flights], AUTOPILOT_COMPONENT, READ)
-        self.ports: Sequence[Port] = (*(pilot.port for pilot in self._pilots), approval)
+        reports = [Port(self.name, link_name("oracle", operator))] if lookout is not None else []
+        self.ports: Sequence[Port] = (*(pilot.port for pilot in self._pilots), approval, *reports)
+        self.lookout = lookout
+        """What the ground receivers hear; `None` without any."""
         self.bad_approvals = 0
         """Frames on the approval link that were not understood or not asked for."""
         self._places = {port: place for place, port in enumerate(self.ports)}
@@ -95,8 +102,10 @@ class GroundStation:
     # --- the agent -------------------------------------------------------------------------------
 
     def next_wakeup(self) -> Time | None:
-        """When the next pilot may have something to do; `None` for a station without aircraft."""
+        """When the next pilot, or the lookout, may have something to do; `None` for a station without aircraft."""
         due = min(self._heap[0][0], self._beat_due) if self._heap else self._beat_due
+        if self.lookout is not None:
+            due = min(due, self.lookout.due)
         return None if due == NEVER else due
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
@@ -123,17 +132,22 @@ class GroundStation:
             self._queue(place)
         if beats:
             self._beat(out)
+        if self.lookout is not None and self.lookout.due <= now:
+            self.lookout.look(now, out)
         return out
 
     def _read(self, now: Time, inbox: Inbox, out: Outbox) -> None:
         """Decode all that came; what only renews what is known is taken in at once, the rest read in order."""
         table = inbox.columns(self._places)
+        reports = np.flatnonzero(table.places > len(self._pilots))
+        if self.lookout is not None and reports.size:
+            self.lookout.hear(now, inbox, table.order[reports], out)
         for row in self._reader.read(now, table.places, table.payloads).tolist():
             arrival = inbox.arrival(table.order.item(row))
             place = table.places.item(row)
             if place == len(self._pilots):
                 self._on_approval(now, arrival, out)
-            elif self._pilots[place].on_frame(now, arrival, out):
+            elif place < len(self._pilots) and self._pilots[place].on_frame(now, arrival, out):
                 self._queue(place)
 
     def _beat(self, out: Outbox) -> None:
@@ -202,6 +216,11 @@ class GroundStation:
     def latest(self, vehicle: str, message_id: int) -> Any:
         """The last message of a kind from one of its aircraft, a record of its fields; `None` if there was none."""
         return self._reader.latest(self._place(vehicle), message_id)
+
+    @property
+    def tracks(self) -> TrackTable | None:
+        """Whom its ground receivers hear, a row for each of `lookout.receivers`; `None` without any."""
+        return None if self.lookout is None else self.lookout.tracks
 
     def _place(self, vehicle: str) -> int:
         return self._places[Port(self.name, link_name("gcs", vehicle))]

@@ -94,8 +94,9 @@ class Express:
 
     def lanes_of(self, parents: Parents) -> Ints:
         """(n,) the lane's number of each parent, -1 where no lane's own source sent it."""
-        known = [self.lanes.numbers.get(name, -1) for name in parents.names]
-        return np.array(known, dtype=np.int64)[parents.numbers]
+        met, place = np.unique(parents.numbers, return_inverse=True)
+        known = [self.lanes.numbers.get(parents.names[number], -1) for number in met.tolist()]
+        return np.array(known, dtype=np.int64)[place]
 
     def fly(
         self,

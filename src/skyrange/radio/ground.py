@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from skyrange.codec.rid_link import NO_RSSI, RidFrame, RidHeader
 from skyrange.core.errors import DecodeError
 
 MAX_FRAME_BYTES = 1_048_576
@@ -19,7 +20,7 @@ class Reception(BaseModel):
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
     receiver: str
-    time_ns: int
+    time_ns: Annotated[int, Field(ge=-(2**63), lt=2**63)]
     """End of the reception, range time."""
     transport: Annotated[int, Field(ge=1, le=4)]
     channel: Annotated[int, Field(ge=0, le=255)]
@@ -29,6 +30,12 @@ class Reception(BaseModel):
     """Claimed."""
     body: Annotated[str, Field(max_length=510, pattern=r"^([0-9a-f]{2})*$")]
     """A message or pack of F3411, in hexadecimal."""
+
+    def frame(self) -> RidFrame:
+        """The same as an aircraft's companion would be told on its `rid_down`; its strength in 0.01 dB, as there."""
+        rssi_cdbm = min(max(round(self.rssi_dbm * 100.0), NO_RSSI + 1), 32_767)
+        address, body = bytes.fromhex(self.address), bytes.fromhex(self.body)
+        return RidFrame(RidHeader(self.transport, self.channel, self.counter, address, rssi_cdbm, self.time_ns), body)
 
 
 class Report(BaseModel):

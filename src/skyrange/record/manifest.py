@@ -25,6 +25,7 @@ _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("vehicles", list, "a list of tables"),
     ("operators", list, "a list of tables"),
     ("links", list, "a list of tables"),
+    ("receivers", list, "a list of tables"),
     ("origin", dict, "a table"),
     ("simulated_s", (int, float), "a number of seconds"),
     ("timings", dict, "a table"),
@@ -112,7 +113,12 @@ def _misshapen(manifest: Mapping[str, Any]) -> Iterator[Fault]:
         value = manifest.get(key)
         if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
             yield Fault(f"{MANIFEST}: {key}", repr(value)[:80], expected, "The file was changed by hand or is damaged.")
-    for key, parts in (("operators", ("id",)), ("vehicles", ("id", "operator")), ("links", ("name",))):
+    for key, parts in (
+        ("operators", ("id",)),
+        ("vehicles", ("id", "operator")),
+        ("links", ("name",)),
+        ("receivers", ("id",)),
+    ):
         rows = manifest.get(key)
         for index, row in enumerate(rows if isinstance(rows, list) else ()):
             for part in parts:

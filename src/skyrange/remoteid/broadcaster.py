@@ -34,11 +34,14 @@ from skyrange.codec.rid_link import pack_rows as link_rows
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import kernel
 from skyrange.core.ids import hash64
-from skyrange.core.time import NEVER, NS_PER_S, Time
+from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
 from skyrange.remoteid.belief import Beliefs, fresh, utc_us
 from skyrange.remoteid.profiles import Broadcast, Cycle, address_of, cycle
 
 PHASE_STREAM: Final = "remoteid.phase"
+AHEAD_NS: Final[Time] = 50 * NS_PER_MS
+"""How long before its time a broadcast is handed to the radio, which sends it by its own clock, as Wi-Fi sends
+beacons (IEEE 802.11-2020, 11.1.3.2): a program that is late by a poll shifts none."""
 PLACE_NS: Final[Time] = 2 * NS_PER_S
 """A place older than that is none: telemetry at 1 Hz, and one report lost."""
 BEAT_NS: Final[Time] = 5 * NS_PER_S
@@ -95,32 +98,35 @@ class Broadcaster:
         """Latitude, longitude, height of the take-off that System tells of; the last is 1 where it does."""
 
     def next_due(self) -> Time | None:
-        """When somebody sends next."""
+        """When to ask next for what is to be handed over."""
         due = int(self.due_ns.min(initial=NEVER))
-        return None if due == NEVER else due
+        return None if due == NEVER else due - AHEAD_NS
 
     def send(self, now: Time, beliefs: Beliefs) -> tuple[Ints, Payloads] | None:
-        """What is due: places of the aircraft and `rid_up` payloads; None for nothing.
+        """What is due within `AHEAD_NS`: places of the aircraft and `rid_up` payloads; None for nothing.
 
         An aircraft whose autopilot was never heard is not switched on yet, and sends nothing.
         """
         table = beliefs.table
         places: list[Ints] = []
         payloads: list[Payloads] = []
-        due = np.flatnonzero(self.due_ns <= now)
+        until = now + AHEAD_NS
+        due = np.flatnonzero(self.due_ns < until)
         self._take_off(due, table)
         while due.size:
             key = self._cycle[due] * _MOST_SLOTS + self._slot[due]
             for code in np.unique(key).tolist():
                 rows = due[key == code]
                 each = self.cycles[code // _MOST_SLOTS]
+                at_ns = self.due_ns[rows]
                 self._advance(rows, each, now)
-                rows = rows[table["beat_ns"][rows] >= 0]
+                on = table["beat_ns"][rows] >= 0
+                rows, at_ns = rows[on], at_ns[on]
                 if rows.size:
                     _, transport, messages = each.slots[code % _MOST_SLOTS]
                     places.append(rows)
-                    payloads.append(self._frames(rows, transport, messages, now, table))
-            due = np.flatnonzero(self.due_ns <= now)
+                    payloads.append(self._frames(rows, at_ns, transport, messages, now, table))
+            due = np.flatnonzero(self.due_ns < until)
         return (np.concatenate(places), Payloads.join(payloads)) if places else None
 
     def _advance(self, rows: Ints, each: Cycle, now: Time) -> None:
@@ -132,14 +138,16 @@ class Broadcaster:
         begin += np.where(late >= each.period_ns, (late // each.period_ns + 1) * each.period_ns, 0)
         self._slot[rows], self._begin_ns[rows], self.due_ns[rows] = slot, begin, begin + offsets[slot]
 
-    def _frames(self, rows: Ints, transport: int, messages: tuple[int, ...], now: Time, table: Any) -> Payloads:
+    def _frames(
+        self, rows: Ints, at_ns: Ints, transport: int, messages: tuple[int, ...], now: Time, table: Any
+    ) -> Payloads:
         parts = [self._message(kind, rows, now, table) for kind in messages]
         single = transport == Transport.BT4
         bodies = single_rows(parts[0]) if single else pack_rows(parts)
         column = _KINDS + messages[0] if single else transport
         counter = self._counters[rows, column].copy()
         self._counters[rows, column] += 1
-        return link_rows(transport, ANY_CHANNEL, counter, self.addresses[rows], NO_RSSI, now, bodies)
+        return link_rows(transport, ANY_CHANNEL, counter, self.addresses[rows], NO_RSSI, at_ns, bodies)
 
     def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:
         if kind == MessageType.LOCATION:

@@ -14,6 +14,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import endpoint, link_name, owner_of, vehicle_id
 from skyrange.core.time import NS_PER_MS
+from skyrange.gcs.lookout import Lookout
 from skyrange.gcs.plans import CRUISE_MPS
 from skyrange.radio.medium import BuiltinMedium
 from skyrange.radio.oracle import ENDPOINT, Oracle
@@ -105,6 +106,13 @@ def air_faults(scenario: Scenario, radios: Sequence[Transmitter]) -> Iterator[Fa
         except InputError as error:
             key = vehicle_id(operator.id, vehicle.id)
             yield from (Fault(f"{key}.remote_id.{f.where}", f.value, f.expected, f.hint) for f in error.faults)
+
+
+def lookout_of(operator: str, scenario: Scenario) -> Lookout | None:
+    """What an operator's ground receivers tell its ground station; `None` without any."""
+    receivers = scenario.radio.receivers if scenario.radio is not None else ()
+    names = [receiver.id for receiver in receivers if receiver.operator == operator]
+    return Lookout(operator, names, scenario.origin.datum) if names else None
 
 
 def on_air(scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter]) -> OnAir:

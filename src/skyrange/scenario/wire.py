@@ -31,7 +31,7 @@ from skyrange.scenario.attacks import make_attacks, radio_faults
 from skyrange.scenario.check import check
 from skyrange.scenario.emit import to_toml
 from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.medium import air_faults, air_network, on_air
+from skyrange.scenario.medium import air_faults, air_network, lookout_of, on_air
 from skyrange.scenario.placing import placed
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.surroundings import build_city
@@ -92,7 +92,8 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
             )
             for vehicle in operator.vehicles
         ]
-        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams))
+        lookout = lookout_of(operator.id, scenario)
+        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams, lookout=lookout))
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
@@ -236,6 +237,10 @@ def _header(
                 "channel": {name: getattr(spec.channel, name) for name in spec.channel.__slots__},
             }
             for spec in links
+        ],
+        "receivers": [
+            {"id": receiver.id, "operator": receiver.operator, "kind": receiver.kind, "at_enu_m": list(receiver.place)}
+            for receiver in (scenario.radio.receivers if scenario.radio is not None else ())
         ],
         "city": {"source": city.source, "buildings": len(city.buildings)} if city is not None else None,
     }

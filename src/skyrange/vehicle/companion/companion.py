@@ -25,7 +25,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.remoteid.belief import Beliefs, fresh
-from skyrange.remoteid.broadcaster import BEAT_NS, PLACE_NS, TROUBLES, Broadcaster
+from skyrange.remoteid.broadcaster import AHEAD_NS, BEAT_NS, PLACE_NS, TROUBLES, Broadcaster
 from skyrange.remoteid.tracks import Heard, Seen, TrackTable
 from skyrange.vehicle.avoidance.contract import Decision, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.none import NoAvoidance
@@ -34,8 +34,9 @@ from skyrange.vehicle.companion.asking import Asking
 from skyrange.vehicle.companion.guard import Guard, Hold, Order
 from skyrange.vehicle.companion.screen import conflicts
 from skyrange.vehicle.companion.spec import CompanionSpec
-from skyrange.vehicle.onboard import COMPANION_SERVICE_NS
 
+SERVICE_NS: Final[Time] = AHEAD_NS
+"""Its own program works at 20 Hz; what it forwards goes by a route, more often."""
 LOOK_NS: Final[Time] = 250 * NS_PER_MS
 """How often it looks for conflicts."""
 FLOOR_M: Final = 5.0
@@ -50,7 +51,7 @@ _COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.track
 class Companion:
     """The agent (contract: `agent.contracts.Agent`). Deep copies of it go on alike."""
 
-    service_ns: Time = COMPANION_SERVICE_NS
+    service_ns: Time = SERVICE_NS
 
     def __init__(self, name: str, specs: Sequence[CompanionSpec], origin: Origin, chance: Chance) -> None:
         """`chance` spreads the broadcasts of different aircraft within the second, and nothing else."""

@@ -62,6 +62,12 @@ def whole(value: float, least: int, most: int) -> int:
 
 
 @kernel
+def finite(value: float) -> float:
+    """`known` of one number in a kernel."""
+    return value if math.isfinite(value) else 0.0
+
+
+@kernel
 def since_boot_ms(now: int, boot_ns: int) -> int:
     """`boot_ms` of one aircraft in a kernel."""
     return max(now - boot_ns, 0) // NS_PER_MS & 0xFFFFFFFF

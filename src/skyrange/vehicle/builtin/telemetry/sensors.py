@@ -8,7 +8,7 @@ barometer; here they say what the first ones say.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 from skyrange.agent.payloads import Ints
 from skyrange.codec.columns import Table
 from skyrange.codec.mavlink import dialect
+from skyrange.core.compiled import kernel
+from skyrange.core.projection import geodetic_of
 from skyrange.core.time import NS_PER_US
 from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.telemetry import columns
-from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, held
+from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, finite, held, whole
 
 _GRAVITY_MPS2: Final = 9.80665  # AP_Math definitions.h GRAVITY_MSS
 _LEAST_PWM_US: Final = 1000
@@ -33,6 +35,7 @@ _UNKNOWN_DOP: Final = 9999  # GPS_UNKNOWN_DOP
 _RANGE_ERROR_M: Final = 1.5
 """An accuracy over a dilution of precision, as `estimation.gnss` has it for the level one."""
 _DOP_MIN, _DOP_MAX = 0.5, 99.99
+_FIX_2D: Final = dialect.GPS_FIX_TYPE_2D_FIX
 _RADPS_PER_RPM: Final = 2.0 * math.pi / 60.0
 _ESC_HZ: Final = 100
 """How often a speed controller reports; each report is counted."""
@@ -40,25 +43,43 @@ _ESC_HZ: Final = 100
 
 def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     """GPS_RAW_INT: what the receiver says, not what the estimator makes of it."""
-    e = fleet.estimate
-    pos, vel = columns.known(e["gnss_pos"][rows]), columns.known(e["gnss_vel"][rows])
-    seen = fleet.now - (e["gnss_age_s"][rows] * 1e9).astype(np.int64) - fleet.boot_ns[rows]
-    fix = e["gnss_fix"][rows]
-    located = fix >= dialect.GPS_FIX_TYPE_2D_FIX
-    out["time_usec"] = np.maximum(seen, 0) // NS_PER_US
-    out["fix_type"] = fix
-    out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
-    out["alt"] = columns.msl_mm(fleet, pos[:, 2])
-    out["eph"] = np.where(located, held(e["gnss_hdop"][rows] * 100.0, U16, 0), _UNKNOWN_DOP)
-    claimed = e["gnss_acc"][rows]
-    vdop = np.clip(claimed[:, 1] / _RANGE_ERROR_M, _DOP_MIN, _DOP_MAX)
-    out["epv"] = np.where(located, vdop * 100.0, _UNKNOWN_DOP)
-    out["vel"] = held(np.hypot(vel[:, 0], vel[:, 1]) * 100.0, U16, 0)
-    out["cog"] = columns.course_cdeg(vel[:, 0], vel[:, 1])
-    out["satellites_visible"] = e["gnss_sats"][rows]
-    out["alt_ellipsoid"] = held((fleet.origin.ellipsoid_of(fleet.origin.alt_msl_m) + pos[:, 2]) * 1e3, I32)
-    for place, name in enumerate(("h_acc", "v_acc", "vel_acc")):
-        out[name] = held(claimed[:, place] * 1e3, I32, 0)
+    at = fleet.origin
+    _fixes(
+        at.lat_deg, at.lon_deg, at.alt_msl_m, at.ellipsoid_of(at.alt_msl_m), fleet.now, rows, fleet.boot_ns,
+        fleet.estimate, out,
+    )  # fmt: skip
+
+
+@kernel
+def _fixes(
+    lat0_deg: float, lon0_deg: float, alt_m: float, ellipsoid_m: float, now: int, rows: Ints, boot_ns: Ints,
+    estimate: Any, out: Any,
+) -> None:  # fmt: skip
+    for place in range(rows.shape[0]):
+        row = rows[place]
+        e: Any = estimate[row]
+        o: Any = out[place]
+        up = finite(e.gnss_pos[2])
+        vel_e, vel_n = finite(e.gnss_vel[0]), finite(e.gnss_vel[1])
+        lat, lon = geodetic_of(lat0_deg, lon0_deg, finite(e.gnss_pos[0]), finite(e.gnss_pos[1]))
+        o.time_usec = max(now - int(e.gnss_age_s * 1e9) - boot_ns[row], 0) // NS_PER_US
+        o.fix_type = e.gnss_fix
+        o.lat = np.rint(lat * 1e7)
+        o.lon = np.rint(lon * 1e7)
+        o.alt = whole((alt_m + up) * 1e3, -I32, I32)
+        o.alt_ellipsoid = whole((ellipsoid_m + up) * 1e3, -I32, I32)
+        if e.gnss_fix >= _FIX_2D:
+            o.eph = whole(e.gnss_hdop * 100.0, 0, U16)
+            o.epv = whole(min(max(e.gnss_acc[1] / _RANGE_ERROR_M, _DOP_MIN), _DOP_MAX) * 100.0, 0, U16)
+        else:
+            o.eph = _UNKNOWN_DOP
+            o.epv = _UNKNOWN_DOP
+        o.vel = whole(math.sqrt(vel_e * vel_e + vel_n * vel_n) * 100.0, 0, U16)
+        o.cog = int(math.atan2(vel_e, vel_n) * (180.0 / math.pi) % 360.0 * 100.0) % 36_000
+        o.satellites_visible = e.gnss_sats
+        o.h_acc = whole(e.gnss_acc[0] * 1e3, 0, I32)
+        o.v_acc = whole(e.gnss_acc[1] * 1e3, 0, I32)
+        o.vel_acc = whole(e.gnss_acc[2] * 1e3, 0, I32)
 
 
 def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:

@@ -1,0 +1,42 @@
+"""How does a message look as a UDP datagram over IPv4? For captures: skyrange sends none itself.
+
+Sources: RFC 791 (IPv4 header, and its checksum), RFC 768 (UDP).
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Final, NamedTuple
+
+_IP: Final = struct.Struct(">BBHHHBBHII")
+_UDP: Final = struct.Struct(">HHHH")
+_WHOLE: Final = 0x4000
+"""Flags: not to be cut into fragments, so that an identification of 0 is in order (RFC 6864)."""
+_TTL: Final = 64
+_PROTOCOL: Final = 17
+MOST: Final = 0xFFFF - _IP.size - _UDP.size
+
+
+class Socket(NamedTuple):
+    """Where a datagram is from, or goes: an IPv4 address as a number, and a UDP port."""
+
+    address: int
+    port: int
+
+
+def udp(source: Socket, target: Socket, payload: bytes) -> bytes:
+    """The datagram from its IPv4 header on; `ValueError` for more than `MOST` bytes. UDP's checksum is left out (0)."""
+    if len(payload) > MOST:
+        raise ValueError(f"{len(payload)} bytes, a datagram holds at most {MOST}")
+    size = _UDP.size + len(payload)
+    fields = [0x45, 0, _IP.size + size, 0, _WHOLE, _TTL, _PROTOCOL, 0, source.address, target.address]
+    fields[7] = _checksum(_IP.pack(*fields))
+    return _IP.pack(*fields) + _UDP.pack(source.port, target.port, size, 0) + payload
+
+
+def _checksum(header: bytes) -> int:
+    """One's complement of the one's complement sum of its 16-bit words."""
+    total: int = sum(struct.unpack(f">{len(header) // 2}H", header))
+    while total >> 16:
+        total = (total & 0xFFFF) + (total >> 16)
+    return ~total & 0xFFFF

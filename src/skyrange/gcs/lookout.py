@@ -1,0 +1,146 @@
+"""Who is in the air around an operator? What its ground receivers hear, as tracks with age and signal strength.
+
+A receiver's report is the oracle's word, what stands in it anybody's: any bytes are survived and counted, and what is
+noted of comers and goers is bounded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyrange.agent.messages import Inbox, Outbox, Scalar
+from skyrange.agent.payloads import Ints, Payloads
+from skyrange.agent.refs import RefBook
+from skyrange.codec import rid_link
+from skyrange.codec.f3411_columns import location_rows
+from skyrange.codec.rid_link import Transport
+from skyrange.core.errors import DecodeError
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NEVER, NS_PER_S, Time, to_seconds
+from skyrange.radio import ground
+from skyrange.remoteid.tracks import Heard, Seen, TrackTable
+
+LOOK_NS: Final[Time] = NS_PER_S
+"""How often it looks who came and who went."""
+MOST_NOTED: Final = 256
+"""Comers and goers that are noted one by one; later only the 512th, 1024th …: a flood must not fill the record."""
+_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible")
+
+_Claim = tuple[int, int, int, int]
+"""Address and identifier of a sender, as `remoteid.tracks` holds them."""
+
+
+class _Known(NamedTuple):
+    """What was last known of a sender that is noted as seen."""
+
+    uas_id: str
+    heard_ns: Time
+
+
+class Lookout:
+    """The ground receivers of one operator: a row of `tracks` for each of `receivers`. Deep-copyable."""
+
+    def __init__(self, operator: str, receivers: Sequence[str], origin: Origin) -> None:
+        self.operator = operator
+        self.receivers = tuple(receivers)
+        self.tracks = TrackTable(len(self.receivers), origin)
+        self.bad_reports = 0
+        """Reports that are none, and receptions of receivers that are not the operator's."""
+        self.due: Time = NEVER
+        """When it looks next; never, while nobody is known."""
+        self._rows = {name: row for row, name in enumerate(self.receivers)}
+        self._refs = RefBook()
+        self._known: dict[_Claim, _Known] = {}
+        self._noted = 0
+        self._counts = np.zeros(len(_COUNTS), dtype=np.int64)
+
+    def seen(self, receiver: str, now: Time) -> Seen:
+        """Whom a receiver hears, with age and strength, also those that say impossible things; `KeyError` for none."""
+        return self.tracks.seen(self._rows[receiver], now, odd=True)
+
+    def hear(self, now: Time, inbox: Inbox, order: Ints, out: Outbox) -> None:
+        """Take in reports: the arrivals `order` of an inbox, as `Columns.order` numbers them."""
+        numbers, serials = self._refs.read(inbox, order)
+        frames: list[bytes] = []
+        rows: list[tuple[int, int, int, int]] = []  # receiver, end of reception, frame
+        for arrival, number, serial in zip(order.tolist(), numbers.tolist(), serials.tolist(), strict=True):
+            report = inbox.arrival(arrival)
+            try:
+                receptions = ground.decode(report.payload).body
+            except DecodeError as error:
+                self._bad(str(error), report.ref, out)
+                continue
+            strange = [reception.receiver for reception in receptions if reception.receiver not in self._rows]
+            if strange:
+                self._bad(f"receiver {strange[0][:40]!r}", report.ref, out)
+            for reception in receptions:
+                if reception.receiver in self._rows:
+                    frame = reception.frame()
+                    frames.append(rid_link.pack(frame.header, frame.body))
+                    # not later than now, else a track would never grow old
+                    at = min(max(reception.time_ns, 0), now)
+                    rows.append((self._rows[reception.receiver], at, number, serial))
+        if not rows:
+            return
+        rid = rid_link.read_rows(Payloads.of(frames))
+        receiver, at_ns, ref, serial_of = np.array(rows, dtype=np.int64).T
+        self.tracks.update(Heard(receiver, at_ns, rid, location_rows(rid.bodies), ref, serial_of))
+        if self.due == NEVER:
+            self.due = now - now % LOOK_NS + LOOK_NS
+
+    def look(self, now: Time, out: Outbox) -> None:
+        """Note who is heard now and was not before, and who is not any more."""
+        strongest = self._strongest(now)
+        rows = self.tracks.rows
+        for claim, (receiver, slot) in strongest.items():
+            row = rows[receiver, slot]
+            uas_id = np.array(claim[1:], dtype=np.uint64).tobytes().rstrip(b"\0").decode("latin-1")
+            if claim not in self._known:
+                located = row["located_ns"] >= 0
+                ref = self._refs.id(int(row["ref"]), int(row["serial"])) if located else None
+                data: dict[str, Scalar] = {
+                    "receiver": self.receivers[receiver],
+                    "uas_id": uas_id,
+                    "address": f"{claim[0]:012x}",
+                    "transport": Transport(int(row["transport"])).name.lower(),
+                    "rssi_dbm": round(float(row["rssi_dbm"]), 2),
+                }
+                self._note("event.track_seen", data, () if ref is None else (ref,), out)
+            heard = max(int(row["heard_ns"]), self._known[claim].heard_ns if claim in self._known else 0)
+            self._known[claim] = _Known(uas_id, heard)
+        for claim in [claim for claim in self._known if claim not in strongest]:
+            gone = self._known.pop(claim)
+            data = {"uas_id": gone.uas_id, "address": f"{claim[0]:012x}", "last_s": to_seconds(gone.heard_ns)}
+            self._note("event.track_lost", data, (), out)
+        counts = self.tracks.counts.sum(axis=0)
+        for column, kind in enumerate(_COUNTS):
+            if counts.item(column).bit_length() > self._counts.item(column).bit_length():
+                out.note(kind, self.operator, {"count": counts.item(column)})
+        self._counts = counts
+        self.due = now - now % LOOK_NS + LOOK_NS if self._known else NEVER
+
+    def _strongest(self, now: Time) -> dict[_Claim, tuple[int, int]]:
+        """Every sender that is not stale, and where it is heard best: receiver and place in its row."""
+        rows = self.tracks.rows
+        live = (rows["heard_ns"] >= 0) & (now - rows["heard_ns"] <= self.tracks.stale_ns)
+        found: dict[_Claim, tuple[int, int]] = {}
+        for receiver, slot in np.argwhere(live).tolist():
+            row = rows[receiver, slot]
+            claim = (int(row["address"]), int(row["id_a"]), int(row["id_b"]), int(row["id_c"]))
+            if claim not in found or row["rssi_dbm"] > rows[found[claim]]["rssi_dbm"]:
+                found[claim] = (receiver, slot)
+        return found
+
+    def _note(self, kind: str, data: dict[str, Scalar], causes: tuple[FrameId, ...], out: Outbox) -> None:
+        self._noted += 1
+        if self._noted <= MOST_NOTED or self._noted & (self._noted - 1) == 0:
+            out.note(kind, self.operator, {**data, "count": self._noted}, causes)
+
+    def _bad(self, reason: str, ref: FrameId, out: Outbox) -> None:
+        self.bad_reports += 1
+        if self.bad_reports & (self.bad_reports - 1) == 0:
+            out.note("event.bad_report", self.operator, {"count": self.bad_reports, "reason": reason}, (ref,))
