@@ -101,9 +101,7 @@ def babbling(payloads: Sequence[bytes]) -> Iterator[None]:
 
     def make(params: Params, setting: Setting) -> Attack:
         agent = Broadcaster(setting.radio, Port(setting.radio, setting.up), Babble(payloads))
-        return Attack(
-            agents=[agent], links=[up_link(setting)], radios=[transmitter(setting, (30.0, 30.0, 2.0), 20.0)]
-        )
+        return Attack(agents=[agent], links=[up_link(setting)], radios=[transmitter(setting, (30.0, 30.0, 2.0), 20.0)])
 
     before = dict(plugins._registered)
     plugins.register(plugins.ATTACKS, KIND, AttackKind(Params, make, "Babbles."))
@@ -144,7 +142,9 @@ def test_an_attacker_who_sends_any_bytes_is_survived_and_counted(tmp_path: Path)
     told = counts(record, "event.bad_broadcast", "oracle")
     assert {row["link"] for row in told} == {"rid_up:babble"}
     assert {row["why"] for row in told} == {"not a broadcast", "does not fit"}
-    by_why = {why: max(row["count"] for row in told if row["why"] == why) for why in ("not a broadcast", "does not fit")}
+    by_why = {
+        why: max(row["count"] for row in told if row["why"] == why) for why in ("not a broadcast", "does not fit")
+    }
     assert by_why["not a broadcast"] >= 1_024
     assert len(told) < 30, "noted at the 1st, 2nd, 4th … time: a flood does not fill the record"
     assert not [row for row in record.table("decisions").to_pylist() if "avoid" in row["kind"]]

@@ -37,7 +37,7 @@ def said(body: bytes) -> list[Any]:
 
 
 def on_air(record: RunRecord, vehicle: str) -> dict[str, list[int]]:
-    """When each element of a vehicle's broadcasts ended on the air, by element, as the first of any receivers has it."""
+    """When each element of a vehicle's broadcasts ended on the air, as the first of any receivers has it."""
     ended: dict[int, int] = {}
     for row in record.table("receptions").to_pylist():
         if row["link"] == f"rid_up:{vehicle}":
@@ -252,7 +252,7 @@ def test_a_gnss_attack_is_broadcast_as_if_it_were_true(tmp_path: Path) -> None:
     assert (label["attack"], label["actor"]) == ("gnss", "spoofer")
 
 
-SILENT = 'remote_id = { transports = [] }\n  params = { DID_ENABLE = 1, DID_OPTIONS = 1 }'
+SILENT = "remote_id = { transports = [] }\n  params = { DID_ENABLE = 1, DID_OPTIONS = 1 }"
 
 
 def test_no_take_off_while_remote_id_is_not_serviceable(tmp_path: Path) -> None:
@@ -262,7 +262,9 @@ def test_no_take_off_while_remote_id_is_not_serviceable(tmp_path: Path) -> None:
     assert max(row["up_m"] for row in grounded.table("truth").to_pylist()) < 0.2
     told = [row for row in grounded.table("events").to_pylist() if row["kind"] == "event.remote_id"]
     assert {row["about"] for row in told} == {B1, B2}
-    texts = [frame.payload for frame in grounded.frames_with_payloads() if b"OpenDroneID: no transmitter" in frame.payload]
+    texts = [
+        frame.payload for frame in grounded.frames_with_payloads() if b"OpenDroneID: no transmitter" in frame.payload
+    ]
     assert texts, "the ground station is told why"
     for name, own in (("good", asked), ("unasked", "remote_id = { transports = [] }")):
         record = flown(tmp_path / name, plain(25, own=own))

@@ -44,7 +44,15 @@ kind = "remote_id.replay"
 start_s = 14
 params = { transmitter_m = [-30, 30, 2], delay_s = 3 }
 """
-EARS = '[radio]\ncity_busy = 0.2\n[[radio.receivers]]\nid = "mast"\noperator = "blue"\nplace = [30, 20, 9]\nkind = "phone"\n'
+EARS = """
+[radio]
+city_busy = 0.2
+[[radio.receivers]]
+id = "mast"
+operator = "blue"
+place = [30, 20, 9]
+kind = "phone"
+"""
 TEXT = plain(26, radio=EARS, own=OWN, more=ATTACKS)
 END_NS = 26 * NS_PER_S
 
@@ -90,8 +98,10 @@ def kept(rig: Rig, wiring: Wiring) -> tuple[Any, ...]:
             rows.channel.tolist(), rows.outcome.tolist(), strict=True)
     )  # fmt: skip
     digests = observer.digests
-    notes = sorted((repr(note) for note in observer.notes))
-    frames = sorted(repr((f.id, f.sent_ns, f.arrived_ns, f.payload, f.parent, f.causes, f.fate)) for f in observer.frames)
+    notes = sorted(repr(note) for note in observer.notes)
+    frames = sorted(
+        repr((f.id, f.sent_ns, f.arrived_ns, f.payload, f.parent, f.causes, f.fate)) for f in observer.frames
+    )
     return digests.frames, digests.truth, frames, notes, sorted(map(repr, observer.labels)), heard
 
 

@@ -154,7 +154,9 @@ def test_every_avoidance_leads_back_to_the_attackers_radio_and_on_to_a_change_of
         assert arrived.link == "autopilot:green/g1"
         assert arrived.parent is not None
         command = frames[arrived.parent]
-        assert FrameId.parse(command.id).sender == "green/g1.companion.own", "what it says of itself, forwards are another voice"
+        assert FrameId.parse(command.id).sender == "green/g1.companion.own", (
+            "what it says of itself, forwards are another voice"
+        )
         assert decode(command.payload).get_srcComponent() == 191
         assert set(command.causes) <= {cause for one in avoided for cause in one["causes"]}
     phases: list[Any] = [row["phase"] for row in labels]

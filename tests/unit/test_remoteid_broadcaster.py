@@ -131,7 +131,7 @@ def test_header_of_a_broadcast() -> None:
     assert len(sent) == 4
     due = sent[0][2].header.time_ns
     for count, (now, _, frame) in enumerate(sent):
-        at_ns = due + count * NS_PER_S  # when the radio is to send it, to the nanosecond
+        at_ns = due + count * US_NS  # when the radio is to send it, to the nanosecond
         assert frame.header == rid_link.RidHeader(
             Transport.WIFI_BEACON, rid_link.ANY_CHANNEL, count, address_of("blue/b1"), rid_link.NO_RSSI, at_ns
         )
