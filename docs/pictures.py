@@ -1,6 +1,7 @@
 """Where do the pictures of the shipped scenarios come from? From a run of each, drawn by skyrange itself.
 
-`python docs/pictures.py [NAME …]` flies the scenarios (all of them unless named) and rewrites `docs/images/NAME.svg`.
+`python docs/pictures.py [NAME …]` flies the scenarios (all of them unless named) and rewrites `docs/images/NAME.svg`;
+those with attacks it flies beside their twins.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from pathlib import Path
 from skyrange.record import RunRecord
 from skyrange.scenario.catalogue import load
 from skyrange.study import figures
+from skyrange.study.pairing import pair
+from skyrange.study.report.comparison import plan_of
 from skyrange.study.session import fly
 
 IMAGES = Path(__file__).parent / "images"
@@ -25,12 +28,17 @@ PICTURES: dict[str, Callable[[RunRecord], figures.Figure]] = {
     "wind": figures.track_deviation,
 }
 """What is drawn of each; `survey` has a picture of its report instead."""
+PAIRS = ("rid-city", "rid-spoofing")
+"""Of these both flights are drawn."""
 
 
 def main(names: list[str]) -> None:
     """Fly and draw."""
-    for name in names or list(PICTURES):
+    for name in names or [*PICTURES, *PAIRS]:
         with tempfile.TemporaryDirectory() as folder:
+            if name in PAIRS:
+                print(plan_of(pair(load(name), Path(folder) / "pair")).save(IMAGES / f"{name}.svg"))
+                continue
             record = fly(load(name), Path(folder) / "run", report=False)
             print(PICTURES[name](record).save(IMAGES / f"{name}.svg"))
 

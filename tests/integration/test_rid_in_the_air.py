@@ -37,7 +37,7 @@ def said(body: bytes) -> list[Any]:
 
 
 def on_air(record: RunRecord, vehicle: str) -> dict[str, list[int]]:
-    """When each element of a vehicle's broadcasts ended on the air, as the first receiver has it."""
+    """When each element of a vehicle's broadcasts ended on the air, as the first of any receivers has it."""
     ended: dict[int, int] = {}
     for row in record.table("receptions").to_pylist():
         if row["link"] == f"rid_up:{vehicle}":

@@ -44,7 +44,8 @@ kind = "remote_id.replay"
 start_s = 14
 params = { transmitter_m = [-30, 30, 2], delay_s = 3 }
 """
-EARS = """[radio]
+EARS = """
+[radio]
 city_busy = 0.2
 [[radio.receivers]]
 id = "mast"

@@ -172,8 +172,6 @@ def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[
             continue
         if Port(lane.dst, lane.link) in senders:  # an agent listens in between
             continue
-        if Port(lane.src, lane.link) in voices:  # it meets what is forwarded: the next hop counts them as they come
-            continue
         if all(
             sources[forward.lane.name] == 1
             and not forward.lane.out_taps
@@ -183,7 +181,10 @@ def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[
             and (forward.lane.channel.steady or Port(forward.lane.src, forward.lane.link) not in voices)
             for forward in lane.forwards
         ):
-            lane.fused = lane.forwards
+            if Port(lane.src, lane.link) in voices:  # it meets what is forwarded: the next hop counts them as they come
+                lane.staged = lane.forwards
+            else:
+                lane.fused = lane.forwards
 
 
 def check(wiring: Wiring) -> None:

@@ -102,7 +102,7 @@ def _shifted(vehicle: Vehicle, shift: tuple[float, float]) -> Vehicle:
 
 
 def _receivers_placed(scenario: Scenario, city: City | None) -> Scenario:
-    """The scenario with its receivers outside buildings. `InputError` with a fault for each that finds no place."""
+    """The scenario with its receivers outside buildings. Raises InputError for those that find no place."""
     radio = scenario.radio
     if radio is None or all(receiver.placing == "exact" for receiver in radio.receivers):
         return scenario

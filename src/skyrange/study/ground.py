@@ -49,12 +49,14 @@ class Ground:
         )
 
 
-def ground_of(places: Sequence[Floats], city: Sequence[Mapping[str, Any]], width: float) -> Ground:
-    """The map that shows all of `places`, (n, 3) metres each, with a margin."""
+def ground_of(
+    places: Sequence[Floats], city: Sequence[Mapping[str, Any]], width: float, least_m: float = 10.0
+) -> Ground:
+    """The map that shows all of `places`, (n, 3) metres each, with a margin, and at least `least_m` each way."""
     solid = [rows for rows in places if len(rows)]
     low = np.min([rows.min(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, -5.0)
     high = np.max([rows.max(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, 5.0)
-    span = np.maximum(high - low, 10.0)
+    span = np.maximum(high - low, least_m)
     span = span + 2 * np.maximum(0.08 * span, 14.0 if city else 1.0)  # walls give a path its meaning
     span[1] = max(span[1], span[0] * 0.5)
     span[0] = max(span[0], span[1] * 0.9)

@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 Place = tuple[float, float, float]
 Span = tuple[float, float, str]
 
+SAME_PX = 8
+"""Places nearer to each other than that, in pixels, share a ring."""
+_BOLD = 'font-weight="600"'
 MOST_NAMED = 40
 """Names on a map; more would only cover each other."""
 
@@ -32,17 +35,20 @@ def draw_twin_plan(
     affected: Collection[str],
     places: Mapping[str, Place],
     marks: Sequence[Mark] = (),
+    forged: Mapping[str, tuple[Place, Place]] | None = None,
     width: float = 760.0,
 ) -> Figure:
     """Both true paths from above: solid as attacked, dashed in the twin.
 
     The map shows the aircraft of `affected` (all, where there is none) and `places`, the attackers' by name; the
-    others' paths are faint.
+    others' paths are faint. `forged` are aircraft of which something false is claimed: where they are when that
+    begins, and where they are said to be; they are shown too, with a line from the one to the other.
     """
-    chosen = set(affected) or {vehicle.id for vehicle in subject.fleet}
+    forged = forged or {}
+    chosen = (set(affected) or {vehicle.id for vehicle in subject.fleet}) | set(forged)
     paths = [group[name].enu_m for group in (tracks, twins) for name in chosen if name in group]
-    spots = [np.array([place]) for place in places.values()]
-    ground = ground_of([*paths, *spots], subject.city, width)
+    marked = [np.array([place]) for place in [*places.values(), *(true for true, _ in forged.values())]]
+    ground = ground_of([*paths, *marked], subject.city, width)
     body = [ground.buildings()]
     for group, dashed in ((twins, True), (tracks, False)):
         for vehicle in subject.fleet:
@@ -55,7 +61,8 @@ def draw_twin_plan(
             weight = "1" if faint else "1.5" if dashed else "2.2"
             body.append(subject.line(vehicle, pixels, "0.3" if faint else "1", weight, dashed=dashed))
     body += [_home(subject, ground, name) for name in sorted(chosen)]
-    body += [spot(ground, name, place) for name, place in places.items()]
+    body += [_lie(ground, name, *ends) for name, ends in forged.items()]
+    body.append(spots(ground, places))
     body += [drawn(mark, *ground.pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
     body.append(ground.legend())
     title = f"Plan view of {subject.name}, attacked and not"
@@ -104,7 +111,7 @@ def _home(subject: Subject, ground: Ground, name: str) -> str:
     if vehicle.home_enu_m is None:
         return ""
     x, y = ground.pixels(np.array([vehicle.home_enu_m]))[0].tolist()
-    label = svg.text(x + 8, y + 13, vehicle.id, "start", 11, 'font-weight="600"')
+    label = svg.text(x + 8, y + 13, vehicle.id, "start", 11, _BOLD)
     return (
         f'<circle class="home ink-{subject.index(vehicle)}" fill="{subject.inks[name].light}" cx="{number(x)}" '
         f'cy="{number(y)}" r="4.5"><title>{escape(name)}: home</title></circle>'
@@ -112,12 +119,30 @@ def _home(subject: Subject, ground: Ground, name: str) -> str:
     )
 
 
-def spot(ground: Ground, name: str, place: Place) -> str:
-    """A place of the attacker's: a ring with its name."""
-    x, y = ground.pixels(np.array([place]))[0].tolist()
+def spots(ground: Ground, places: Mapping[str, Place]) -> str:
+    """The attackers' places: a ring each, with the names of all that are there."""
+    named: dict[tuple[int, int], list[str]] = {}
+    for name, place in places.items():
+        x, y = ground.pixels(np.array([place]))[0].tolist()
+        named.setdefault((round(x / SAME_PX), round(y / SAME_PX)), []).append(name)
+    return "".join(_spot(ground, {name: places[name] for name in names}) for names in named.values())
+
+
+def _spot(ground: Ground, places: Mapping[str, Place]) -> str:
+    x, y = ground.pixels(np.array(list(places.values())[:1]))[0].tolist()
+    said = "; ".join(f"{name}: {e:.0f} m east, {n:.0f} m north, {up:.0f} m up" for name, (e, n, up) in places.items())
     return (
         f'<g class="hostile"><circle cx="{number(x)}" cy="{number(y)}" r="7" fill="#b3261e" fill-opacity=".16" '
         f'stroke="#b3261e" stroke-width="2"/><circle cx="{number(x)}" cy="{number(y)}" r="2" fill="#b3261e"/>'
-        f"<title>{escape(name)}: {place[0]:.0f} m east, {place[1]:.0f} m north, {place[2]:.0f} m up</title></g>"
-        + svg.text(x + 11, y + 4, name, "start", 11, 'font-weight="600"')
+        f"<title>{escape(said)}</title></g>" + svg.text(x + 11, y + 4, " · ".join(places), "start", 11, _BOLD)
+    )
+
+
+def _lie(ground: Ground, name: str, true: Place, claimed: Place) -> str:
+    """From where an aircraft is to where it is said to be."""
+    (x, y), (to_x, to_y) = ground.pixels(np.array([true, claimed])).tolist()
+    return (
+        f'<g class="hostile"><path d="M{number(x)} {number(y)}L{number(to_x)} {number(to_y)}" fill="none" '
+        f'stroke="#b3261e" stroke-width="1.4" stroke-dasharray="1.5 4" stroke-linecap="round"/>'
+        f"<title>{escape(name)}: where it is, and where it is said to be</title></g>"
     )

@@ -8,15 +8,18 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from skyrange.core.time import NS_PER_S
+import numpy as np
+
+from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
 from skyrange.study.marks import marks
 from skyrange.study.receptions import receptions_of
 from skyrange.study.report import chain, effecttable, hearing, words
 from skyrange.study.report.page import asset, ink_rules, sealed
 from skyrange.study.report.sections import LOGO
-from skyrange.study.series import Happening, happenings, truth_tracks
+from skyrange.study.series import Happening, Track, happenings, truth_tracks
 from skyrange.study.subject import Subject, subject_of
+from skyrange.study.svg import Figure
 from skyrange.study.twins import Place, Span, draw_departures, draw_twin_heights, draw_twin_plan
 
 if TYPE_CHECKING:
@@ -54,8 +57,7 @@ def render(pair: Pair) -> str:
     labels = [row for row in pair.labels.to_pylist() if row["seed"] == seed]
     effects = pair.effects.to_pylist()
     own = [row for row in effects if row["seed"] == seed and row["against"] == "nominal"]
-    departed = sorted((row for row in own if row["departed_s"] is not None), key=lambda row: -row["departure_m"])
-    affected = [row["vehicle"] for row in departed]
+    affected = _affected(own)
     shown = affected[:MOST_DRAWN] or [vehicle.id for vehicle in subject.fleet[:MOST_DRAWN]]
     spans = _spans(events, attacked.duration)
     places = _places(attacked)
@@ -67,7 +69,7 @@ def render(pair: Pair) -> str:
         masthead=_masthead(pair),
         tiles=_tiles(labels, own),
         attacks=_attacks(attacked, labels, spans),
-        plan=draw_twin_plan(subject, tracks, twins, affected, places, marks(events, tracks)).svg,
+        plan=plan_of(pair).svg,
         heights=draw_twin_heights(subject, tracks, twins, shown, spans).svg,
         departures=draw_departures(subject, tracks, twins, shown, spans).svg,
         threshold=f"{pair.manifest['threshold_m']:g}",
@@ -79,6 +81,29 @@ def render(pair: Pair) -> str:
         hearing=_hearing(attacked, subject, places),
         opening=_SNIPPET.format(path=escape(str(pair.path), quote=True)),
     )
+
+
+def plan_of(pair: Pair) -> Figure:
+    """Both flights from above, of the pair's first seed."""
+    seed = pair.seeds[0]
+    attacked = pair.run("attacked", seed)
+    tracks, events = truth_tracks(attacked), happenings(attacked, "events")
+    own = [row for row in pair.effects.to_pylist() if row["seed"] == seed and row["against"] == "nominal"]
+    return draw_twin_plan(
+        subject_of(attacked),
+        tracks,
+        truth_tracks(pair.run("nominal", seed)),
+        _affected(own),
+        _places(attacked),
+        marks(events, tracks),
+        _forged(attacked, tracks, _spans(events, attacked.duration)),
+    )
+
+
+def _affected(effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Aircraft that departed from their twin, those that did most first."""
+    departed = sorted((row for row in effects if row["departed_s"] is not None), key=lambda row: -row["departure_m"])
+    return [row["vehicle"] for row in departed]
 
 
 def _declared(run: RunRecord) -> Sequence[Mapping[str, Any]]:
@@ -93,6 +118,20 @@ def _places(run: RunRecord) -> dict[str, Place]:
             found[name if name not in found else f"{name} of {attack['id']}"] = tuple(place)
         for radio in attack.get("radios", []):
             found[str(radio["endpoint"])] = tuple(radio["at_enu_m"])
+    return found
+
+
+def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) -> dict[str, tuple[Place, Place]]:
+    """Aircraft whose position is forged: where each is when that begins, and where it is said to be."""
+    begun = {attack: start for start, _, attack in spans}
+    found: dict[str, tuple[Place, Place]] = {}
+    for attack in _declared(run):
+        name = attack["params"].get("vehicle")
+        claimed = attack.get("shown", {}).get(f"{name} as claimed")
+        track = tracks.get(name)
+        if claimed is not None and track is not None and len(track) and attack["id"] in begun:
+            east_m, north_m, up_m = track.at(np.array([from_seconds(begun[attack["id"]])]))[0].tolist()
+            found[name] = (east_m, north_m, up_m), tuple(claimed)
     return found
 
 
@@ -159,6 +198,8 @@ def _attacks(run: RunRecord, labels: Sequence[Mapping[str, Any]], spans: Sequenc
 def _attack(row: Mapping[str, Any], acted: tuple[float, float] | None, labels: Sequence[Mapping[str, Any]]) -> str:
     count = sum(label["attack"] == row["id"] and label["phase"] in ("onset", "act") for label in labels)
     params = {name: value for name, value in row["params"].items() if value not in ([], {}, "")}
+    if row.get("anchor"):
+        params["anchor"] = row["anchor"]
     numbers = words.cells(
         words.NONE if acted is None else words.quantity(acted[0], "s", 2),
         words.NONE if acted is None else words.quantity(acted[1], "s", 2),
@@ -174,7 +215,9 @@ def _attack(row: Mapping[str, Any], acted: tuple[float, float] | None, labels: S
 def _effects(subject: Subject, effects: Sequence[Mapping[str, Any]], seed: int, against: str) -> str:
     rows = [row for row in effects if row["seed"] == seed and row["against"] == against]
     said = f'<div class="legend"><span>{escape(_TWINS[against])}</span></div>'
-    return f'<div class="card later">{said}{effecttable.effects(subject, rows)}</div>'
+    whom = effecttable.operators(subject, rows)
+    whom = f'<div class="card later">{said}{whom}</div>' if whom else ""
+    return f'{whom}<div class="card later">{said}{effecttable.effects(subject, rows)}</div>'
 
 
 def _ensemble(pair: Pair, subject: Subject, effects: Sequence[Mapping[str, Any]]) -> str:

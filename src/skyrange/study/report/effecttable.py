@@ -44,6 +44,25 @@ def effects(subject: Subject, rows: Sequence[Row]) -> str:
     return table + (cut if len(rows) > MOST_ROWS else "")
 
 
+def operators(subject: Subject, rows: Sequence[Row]) -> str:
+    """One row per operator: what it cost its aircraft together; "" where each has but one."""
+    owned: dict[str, list[Row]] = {}
+    for row in rows:
+        owned.setdefault(row["vehicle"].partition("/")[0], []).append(row)
+    if len(owned) == len(rows):
+        return ""
+    places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
+    return words.table(
+        "What it cost whom",
+        ["operator"],
+        ["aircraft", "departed", "missions end otherwise", "delay", "distance", "energy", "near misses", "collisions"],
+        (
+            f"<tr><th scope=row>{words.named(places[own[0]['vehicle']], name)}</th>{_together(own)}</tr>"
+            for name, own in owned.items()
+        ),
+    )
+
+
 def ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]], affected: Sequence[str]) -> str:
     """Means over seeds and their intervals, of the aircraft that were affected in some run."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
@@ -83,6 +102,20 @@ def _row(row: Row, places: Mapping[str, int]) -> str:
     quiet = " class=quiet" if departed is None else ""
     name = words.named(places[row["vehicle"]], row["vehicle"])
     return f"<tr{quiet}><th scope=row>{name}</th><td>{outcome}</td>{numbers}</tr>"
+
+
+def _together(rows: Sequence[Row]) -> str:
+    """The sums of one operator's aircraft as cells."""
+    return words.cells(
+        words.count(len(rows)),
+        words.count(sum(row["departed_s"] is not None for row in rows)),
+        words.count(sum(row["outcome"] != row["outcome_twin"] for row in rows)),
+        words.signed(sum(row["delay_s"] or 0.0 for row in rows), "s", 1),
+        words.signed(sum(row["extra_distance_m"] for row in rows), "m", 1),
+        words.signed(sum(row["extra_energy_j"] or 0.0 for row in rows) / 1000.0, "kJ", 2),
+        _counts(sum(row["near_misses_twin"] for row in rows), sum(row["near_misses"] for row in rows)),
+        _counts(sum(row["collisions_twin"] for row in rows), sum(row["collisions"] for row in rows)),
+    )
 
 
 def _interval(found: Interval | None, unit: str, scale: float, decimals: int) -> str:

@@ -13,10 +13,12 @@ from skyrange.study.receptions import MOST_AIRCRAFT, Hearing, Receptions, who_he
 from skyrange.study.report import words
 from skyrange.study.subject import Subject
 from skyrange.study.svg import Figure, number
-from skyrange.study.twins import Place, spot
+from skyrange.study.twins import Place, spots
 
 MOST_DOTS = 4_000
 MOST_PAIRS = 300
+LEAST_M = 150.0
+"""The map shows this much each way: who hears whom is the work of the buildings around."""
 
 _STEPS_DBM = (-95.0, -85.0, -75.0, -65.0)
 _COLOURS = ("#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#f7d13d")
@@ -28,7 +30,8 @@ def hearing_map(subject: Subject, heard: Receptions, senders: Collection[str], p
     was not decoded.
     """
     own = heard.of(senders)
-    ground = ground_of([own.enu_m, *(np.array([place]) for place in places.values())], subject.city, 760.0)
+    shown = [own.enu_m, *(np.array([place]) for place in places.values())]
+    ground = ground_of(shown, subject.city, 760.0, LEAST_M)
     body = [ground.buildings()]
     rows = np.unique(np.linspace(0, len(own) - 1, min(len(own), MOST_DOTS)).astype(np.int64))
     for row in rows:
@@ -38,7 +41,7 @@ def hearing_map(subject: Subject, heard: Receptions, senders: Collection[str], p
         who = f"{own.receiver[row]} hears {own.sender[row]}"
         said = f"{who} at {own.rssi_dbm[row]:.0f} dBm, {own.time_ns[row] * 1e-9:.1f} s"
         body.append(f'<circle cx="{number(x)}" cy="{number(y)}" r="3.4" {fill}><title>{escape(said)}</title></circle>')
-    body += [spot(ground, name, place) for name, place in places.items()]
+    body.append(spots(ground, places))
     body += [ground.legend(), _key()]
     title = f"Where the attackers were heard in {subject.name}"
     return Figure(svg.document(ground.width, ground.height, title, body), title)
