@@ -163,6 +163,7 @@ def test_bodies_of_noise_are_heard_and_counted_by_those_who_hear_them(tmp_path: 
     assert broken / 2 < counts(record, "event.bad_frame", B1)[-1]["count"] <= broken
     assert found["babble", B1] > 100
     assert found["babble", "mast"] > 100
+    assert counts(record, "event.bad_frame", "blue")[-1]["count"] > 64, "and by the ground station, from its mast"
     assert found[B1, B2] > 5, "honest broadcasts still pass between the babble"
 
 
@@ -226,8 +227,8 @@ def test_what_cannot_be_reaches_the_application_decoded_and_flagged(tmp_path: Pa
     down = [frame.payload for frame in record.frames_with_payloads() if frame.link == f"rid_down:{B1}"]
     for body in bodies.values():
         assert sum(body in payload for payload in down) > 100
-    for vehicle in (B1, B2):
-        assert counts(record, "event.tracks_impossible", vehicle)[-1]["count"] >= 512
+    for who_hears in (B1, B2, "blue"):
+        assert counts(record, "event.tracks_impossible", who_hears)[-1]["count"] >= 512
     assert not [row for row in record.table("decisions").to_pylist() if "avoid" in row["kind"]]
 
 

@@ -127,7 +127,7 @@ def test_us_profile_sends_every_element_of_89_305_each_second() -> None:
 
 def test_header_of_a_broadcast() -> None:
     aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION))
-    sent = aircraft.sent(4 * NS_PER_S)
+    sent = aircraft.sent(4 * US_NS)
     assert len(sent) == 4
     due = sent[0][2].header.time_ns
     for count, (now, _, frame) in enumerate(sent):

@@ -27,7 +27,7 @@ TRANSPORTS: Final = {
 """By name; F3411-22a asks that Bluetooth 4 and 5 are sent together."""
 US_NS: Final[Time] = 980 * NS_PER_MS
 """From each element of `us` to the same again. On the air an advertisement comes up to 10 ms later than it was asked
-for (advDelay, Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1), and a Wi-Fi frame when the channel is free: those 20 ms are
+for (advDelay, Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1), and a Wi-Fi frame when the channel is free: 20 ms are
 left for that, so that a second is kept there too."""
 STATIC_S: Final = 3
 """F3411-22a: static messages at least every 3 s."""
