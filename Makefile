@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 .PHONY: demo test setup check unit clean
 
 demo: $(VENV)/.installed
-	$(BIN)/skyrange run squares
+	$(BIN)/skyrange pair rid-spoofing
 
 test: check unit
 
