@@ -44,7 +44,7 @@ VARIANTS = {
         "params = { transmitter_m = [5, -20, 2] }\n"
     ),
 }
-SECONDS = 48.0
+SECONDS = 72.0
 _made: dict[str, Pair] = {}
 
 
@@ -68,7 +68,7 @@ def flown(name: str, folders: pytest.TempPathFactory) -> Pair:
 def test_twins_are_the_same_to_the_byte_before_the_onset(twins: Pair) -> None:
     attacked, nominal, sham = (twins.run(arm) for arm in ("attacked", "nominal", "sham"))
     at_ns = onset_ns(attacked)
-    assert 20 * NS_PER_S <= at_ns < 40 * NS_PER_S
+    assert 20 * NS_PER_S <= at_ns < 60 * NS_PER_S
     seen = before(attacked, at_ns)
     assert len(seen["frames"]) > 1500
     assert len(seen["truth"]) >= 2 * 10 * (at_ns // NS_PER_S)
@@ -81,7 +81,7 @@ def test_twins_are_the_same_to_the_byte_before_the_onset(twins: Pair) -> None:
     # and the attack is there: what it did is in the attacked run alone
     assert nominal.rows("labels") == 0
     assert attacked.rows("labels") == sham.rows("labels") > 5
-    after = before(attacked, 48 * NS_PER_S), before(nominal, 48 * NS_PER_S)
+    after = before(attacked, 72 * NS_PER_S), before(nominal, 72 * NS_PER_S)
     assert after[0]["frames"] != after[1]["frames"]
 
 
@@ -154,7 +154,9 @@ def test_every_avoidance_leads_back_to_the_attackers_radio_and_on_to_a_change_of
         assert arrived.link == "autopilot:green/g1"
         assert arrived.parent is not None
         command = frames[arrived.parent]
-        assert FrameId.parse(command.id).sender == "green/g1.companion"
+        assert FrameId.parse(command.id).sender == "green/g1.companion.own", (
+            "what it says of itself, forwards are another voice"
+        )
         assert decode(command.payload).get_srcComponent() == 191
         assert set(command.causes) <= {cause for one in avoided for cause in one["causes"]}
     phases: list[Any] = [row["phase"] for row in labels]

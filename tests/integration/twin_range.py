@@ -42,7 +42,7 @@ def plain(duration_s: float = 40.0, radio: str = "[radio]", own: str = "", more:
 def before(record: RunRecord, at_ns: int) -> dict[str, list[Any]]:
     """All that happened before a moment: frames to the byte, truth, sensors, receptions, decisions and events.
 
-    Of frames that were under way then, only what was known before it.
+    Of frames that were under way then, only what was known before it. That an attack is armed is left out.
     """
     frames = [
         (
@@ -56,6 +56,7 @@ def before(record: RunRecord, at_ns: int) -> dict[str, list[Any]]:
         name: [row for row in record.table(name).to_pylist() if row["time_ns"] < at_ns]
         for name in ("truth", "sensors", "receptions", "decisions", "events")
     }
+    tables["events"] = [row for row in tables["events"] if not row["kind"].startswith("event.attack_")]
     return {"frames": sorted(frames), **tables}
 
 

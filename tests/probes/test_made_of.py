@@ -115,23 +115,24 @@ def test_blocks_with_parents_leave_the_record_of_singles(tapped: str) -> None:
 
 
 class Voice:
-    """A companion's own program: it speaks on `log` every 7 ms, where its endpoint forwards."""
+    """A companion's own program: it speaks on `log` every so often, where its endpoint forwards."""
 
     service_ns = MS
 
-    def __init__(self, vehicle: str, speaking: bool) -> None:
+    def __init__(self, vehicle: str, speaking: bool, every: Time) -> None:
         self.name = f"voice of {vehicle}"
         self.speaks = [Port(f"{vehicle}.companion", f"log:{vehicle}")]
         self.ports: list[Port] = []
         self.due: Time = 0
         self.speaking = speaking
+        self.every = every
 
     def next_wakeup(self) -> Time | None:
         return self.due
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         out = Outbox()
-        self.due = now + 7 * MS
+        self.due = now + self.every
         if self.speaking:
             out.send(self.speaks[0], b"mine")
         return out
@@ -153,6 +154,8 @@ class Station:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         out = Outbox()
         out.send_block(np.arange(len(NAMES)), Payloads.of([bytes([self.turn, place]) for place in range(len(NAMES))]))
+        if self.turn % 3 == 0:  # a command among the heartbeats
+            out.send(self.ports[self.turn % len(NAMES)], b"command")
         self.turn += 1
         return out
 
@@ -164,7 +167,7 @@ class Ears:
     service_ns = 10 * MS
 
     def __init__(self) -> None:
-        self.ports = [Port(f"{name}.proxy", f"log:{name}") for name in NAMES]
+        self.ports = [Port(f"{name}.autopilot", f"autopilot:{name}") for name in NAMES]
         self.heard: list[tuple[Time, Any]] = []
 
     def next_wakeup(self) -> Time | None:
@@ -175,15 +178,25 @@ class Ears:
         return Outbox()
 
 
-def spoken(fuse: bool, log: Channel, speaking: bool = True) -> tuple[Any, list[tuple[Time, Any]], list[Frame]]:
+def spoken(
+    fuse: bool,
+    log: Channel,
+    speaking: bool = True,
+    every: Time = 7 * MS,
+    proxy_ns: Time = 0,
+    ends: Sequence[Time] = (END,),
+) -> tuple[Any, list[tuple[Time, Any]], list[Frame]]:
     links = [LinkSpec(f"gcs:{name}", "blue.gcs", f"{name}.companion", Channel(latency_ns=9 * MS)) for name in NAMES]
     links += [LinkSpec(f"log:{name}", f"{name}.companion", f"{name}.proxy", log) for name in NAMES]
+    links += [LinkSpec(f"autopilot:{name}", f"{name}.proxy", f"{name}.autopilot") for name in NAMES]
     routes = [Route(f"{name}.companion", f"gcs:{name}", f"log:{name}", 10 * MS) for name in NAMES]
+    routes += [Route(f"{name}.proxy", f"log:{name}", f"autopilot:{name}", proxy_ns) for name in NAMES]
     ears = Ears()
-    agents = [Station(), ears, *(Voice(name, speaking) for name in NAMES[:2])]
+    agents = [Station(), ears, *(Voice(name, speaking, every) for name in NAMES[:2])]
     observer = MemoryObserver()
     kernel = Kernel(Wiring(3, links, agents, routes, fuse=fuse), [observer])
-    kernel.advance(END)
+    for end in ends:
+        kernel.advance(end)
     kernel.finish()
     return observer.digests.frames, ears.heard, observer.frames
 
@@ -195,18 +208,24 @@ CHANNELS = [
 ]
 
 
+@pytest.mark.parametrize("proxy_ns", [0, 30 * MS])
+@pytest.mark.parametrize("every", [7 * MS, 10 * MS, 50 * MS])  # 10 and 50 ms: at the moments of what is forwarded
 @pytest.mark.parametrize("log", CHANNELS)
-def test_speaking_where_it_forwards_looks_alike_fused_or_not(log: Channel) -> None:
-    fused, unfused = spoken(True, log), spoken(False, log)
-    assert fused[:2] == unfused[:2]
+def test_speaking_where_it_forwards_looks_alike_fused_or_not(log: Channel, every: Time, proxy_ns: Time) -> None:
+    for ends in ((END,), (57 * MS, 130 * MS + 1, END - 3 * MS)):
+        fused = spoken(True, log, every=every, proxy_ns=proxy_ns, ends=ends)
+        unfused = spoken(False, log, every=every, proxy_ns=proxy_ns, ends=ends)
+        assert fused[:2] == unfused[:2]
     assert any(frame.payload == b"mine" for frame in fused[2])
 
 
 def test_what_is_said_has_a_sender_and_serials_of_its_own() -> None:
     _, _, loud = spoken(True, CHANNELS[0])
     _, _, still = spoken(True, CHANNELS[0], speaking=False)
-    own = [frame for frame in loud if frame.payload == b"mine"]
+    own = [frame for frame in loud if frame.payload == b"mine" and frame.link.startswith("log:")]
     assert {frame.sender for frame in own} == {f"{name}.companion.own" for name in NAMES[:2]}
     assert {frame.src for frame in own} == {f"{name}.companion" for name in NAMES[:2]}
     assert [f.serial for f in own if f.link == f"log:{NAMES[0]}"] == list(range(len(own) // 2))
-    assert sorted(frame.id for frame in loud if frame.payload != b"mine") == sorted(frame.id for frame in still)
+    assert sorted(f.id for f in loud if f.link.startswith("log:") and f not in own) == sorted(
+        f.id for f in still if f.link.startswith("log:")
+    )

@@ -46,6 +46,7 @@ def parts_of(body: bytes) -> tuple[Single, ...]:
 @settings(max_examples=200, deadline=None)
 def test_rows_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
     rows = f3411_columns.location_rows(Payloads.of(bodies))
+    assert f3411_columns.whole_rows(Payloads.of(bodies)).tolist() == [bool(parts_of(body)) for body in bodies]
     for row, body in enumerate(bodies):
         parts = parts_of(body)
         location = next((part for part in parts if isinstance(part, Location)), None)

@@ -50,6 +50,10 @@ SCHEMAS = {
         "child": pa.string(), "until_ns": pa.int64(),
     },
 }  # fmt: skip
+SCHEMAS["receptions"] = {
+    "time_ns": pa.int64(), "link": pa.string(), "receiver": pa.string(), "rssi_dbm": pa.float32(),
+    "outcome": pa.string(),
+}  # fmt: skip
 SCHEMAS["events"] = SCHEMAS["decisions"]
 SCHEMAS["sensors"] = {"time_ns": pa.int64(), "vehicle": pa.string()}
 

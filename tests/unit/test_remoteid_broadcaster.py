@@ -19,7 +19,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.remoteid.belief import Beliefs
 from skyrange.remoteid.broadcaster import AHEAD_NS, TROUBLES, Broadcaster
-from skyrange.remoteid.profiles import Broadcast, address_of, serial_number
+from skyrange.remoteid.profiles import US_NS, Broadcast, address_of, serial_number
 
 UTC_US = 1_767_323_045_000_000  # 2026-01-02T03:04:05Z
 STATION = (40.7, -73.9, -20.0)
@@ -100,8 +100,10 @@ def test_us_profile_sends_every_element_of_89_305_each_second() -> None:
     aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION))
     sent = aircraft.sent(10 * NS_PER_S)
     times = np.diff([now for now, _, _ in sent])
-    assert len(sent) in (9, 10)
-    assert (times == NS_PER_S).all()  # 89.310(h)(3): at least one message a second
+    assert len(sent) in (10, 11)
+    # 89.310(h)(3): at least one message a second, and 10 ms to spare for a Bluetooth advertisement's random delay
+    assert (times == US_NS).all()
+    assert US_NS <= NS_PER_S - 10 * NS_PER_MS
     for now, _, frame in sent[1:]:
         said = messages(frame)
         basic, location, system = said[f3411.BasicId], said[f3411.Location], said[f3411.System]
@@ -125,11 +127,11 @@ def test_us_profile_sends_every_element_of_89_305_each_second() -> None:
 
 def test_header_of_a_broadcast() -> None:
     aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION))
-    sent = aircraft.sent(4 * NS_PER_S)
+    sent = aircraft.sent(4 * US_NS)
     assert len(sent) == 4
     due = sent[0][2].header.time_ns
     for count, (now, _, frame) in enumerate(sent):
-        at_ns = due + count * NS_PER_S  # when the radio is to send it, to the nanosecond
+        at_ns = due + count * US_NS  # when the radio is to send it, to the nanosecond
         assert frame.header == rid_link.RidHeader(
             Transport.WIFI_BEACON, rid_link.ANY_CHANNEL, count, address_of("blue/b1"), rid_link.NO_RSSI, at_ns
         )
@@ -261,7 +263,7 @@ def test_intervals_of_both_profiles_over_all_transports() -> None:
         found = kinds_sent(profile, *every)
         assert len(found) == 4 * 5
         for (_, kind), times in found.items():
-            most = NS_PER_S if profile == "us" or kind == MessageType.LOCATION else 3 * NS_PER_S
+            most = US_NS if profile == "us" else NS_PER_S if kind == MessageType.LOCATION else 3 * NS_PER_S
             gaps = np.diff(times)
             assert gaps.size
             assert gaps.max() <= most + 10 * NS_PER_MS  # polled every 10 ms

@@ -72,18 +72,33 @@ def places_of(bodies: Payloads, message_type: int) -> Ints:
     lone = lone[data[starts[lone]] >> 4 == message_type]
     if message_type != MessageType.MESSAGE_PACK:
         found[lone] = starts[lone]
-    packs = np.flatnonzero(sizes >= PACK_HEADER + SIZE)
-    at = starts[packs]
-    counts = data[at + 2].astype(np.int64)
-    whole = (data[at] >> 4 == MessageType.MESSAGE_PACK) & (data[at + 1] == SIZE) & (counts <= PACK_MOST)
-    whole &= sizes[packs] == PACK_HEADER + SIZE * counts
-    packs, at, counts = packs[whole], at[whole] + PACK_HEADER, counts[whole]
+    packs, at, counts = _packs(bodies)
     for place in range(int(counts.max(initial=0)) - 1, -1, -1):  # backwards, so that the first one stays
         inside = counts > place
         here = at[inside] + SIZE * place
         right = data[here] >> 4 == message_type
         found[packs[inside][right]] = here[right]
     return found
+
+
+def _packs(bodies: Payloads) -> tuple[Ints, Ints, Ints]:
+    """Which bodies are whole packs, where each one's first message begins in `bodies.data`, and how many it has."""
+    data, starts, sizes = bodies.data, bodies.starts, bodies.sizes
+    packs = np.flatnonzero(sizes >= PACK_HEADER + SIZE)
+    at = starts[packs]
+    counts = data[at + 2].astype(np.int64)
+    whole = (data[at] >> 4 == MessageType.MESSAGE_PACK) & (data[at + 1] == SIZE) & (counts <= PACK_MOST)
+    whole &= sizes[packs] == PACK_HEADER + SIZE * counts
+    return packs[whole], at[whole] + PACK_HEADER, counts[whole]
+
+
+def whole_rows(bodies: Payloads) -> NDArray[np.bool_]:
+    """(n,) whether `f3411.decode` would accept the body."""
+    whole = np.zeros(len(bodies), dtype=np.bool_)
+    lone = np.flatnonzero(bodies.sizes == SIZE)
+    whole[lone] = bodies.data[bodies.starts[lone]] >> 4 != MessageType.MESSAGE_PACK
+    whole[_packs(bodies)[0]] = True
+    return whole
 
 
 def bodies_at(bodies: Payloads, places: Ints) -> Bodies:

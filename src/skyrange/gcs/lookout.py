@@ -15,7 +15,7 @@ from skyrange.agent.messages import Inbox, Outbox, Scalar
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.agent.refs import RefBook
 from skyrange.codec import rid_link
-from skyrange.codec.f3411_columns import location_rows
+from skyrange.codec.f3411_columns import location_rows, whole_rows
 from skyrange.codec.rid_link import Transport
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
@@ -28,7 +28,7 @@ LOOK_NS: Final[Time] = NS_PER_S
 """How often it looks who came and who went."""
 MOST_NOTED: Final = 256
 """Comers and goers that are noted one by one; later only the 512th, 1024th …: a flood must not fill the record."""
-_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible")
+_COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
 
 _Claim = tuple[int, int, int, int]
 """Address and identifier of a sender, as `remoteid.tracks` holds them."""
@@ -50,6 +50,8 @@ class Lookout:
         self.tracks = TrackTable(len(self.receivers), origin)
         self.bad_reports = 0
         """Reports that are none, and receptions of receivers that are not the operator's."""
+        self.bad_bodies = 0
+        """Broadcasts that no F3411 message can be."""
         self.due: Time = NEVER
         """When it looks next; never, while nobody is known."""
         self._rows = {name: row for row, name in enumerate(self.receivers)}
@@ -88,6 +90,7 @@ class Lookout:
             return
         rid = rid_link.read_rows(Payloads.of(frames))
         receiver, at_ns, ref, serial_of = np.array(rows, dtype=np.int64).T
+        self.bad_bodies += int(np.count_nonzero(~whole_rows(rid.bodies)))
         self.tracks.update(Heard(receiver, at_ns, rid, location_rows(rid.bodies), ref, serial_of))
         if self.due == NEVER:
             self.due = now - now % LOOK_NS + LOOK_NS
@@ -116,7 +119,7 @@ class Lookout:
             gone = self._known.pop(claim)
             data = {"uas_id": gone.uas_id, "address": f"{claim[0]:012x}", "last_s": to_seconds(gone.heard_ns)}
             self._note("event.track_lost", data, (), out)
-        counts = self.tracks.counts.sum(axis=0)
+        counts = np.append(self.tracks.counts.sum(axis=0), self.bad_bodies)
         for column, kind in enumerate(_COUNTS):
             if counts.item(column).bit_length() > self._counts.item(column).bit_length():
                 out.note(kind, self.operator, {"count": counts.item(column)})

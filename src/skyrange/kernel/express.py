@@ -39,26 +39,53 @@ def _serials(lanes: Ints, counters: Ints) -> Ints:
 class _Stop:
     """One hop of an express: which lane it is for every lane that the express starts from."""
 
-    __slots__ = ("boxed", "lane_of", "latency_ns", "next", "select", "service_ns")
+    __slots__ = ("boxed", "lane_of", "latency_ns", "next", "select", "service_ns", "staged")
 
-    def __init__(self, latency_ns: Time, service_ns: Time, select: Select | None, boxed: bool, size: int) -> None:
+    def __init__(
+        self, latency_ns: Time, service_ns: Time, select: Select | None, boxed: bool, staged: bool, size: int
+    ) -> None:
         self.latency_ns = latency_ns
         self.service_ns = service_ns
         self.select = select
         self.boxed = boxed
+        self.staged = staged
+        """Whether what comes next is not begun before the blocks have come here."""
         self.lane_of = np.full(size, -1, dtype=np.int64)
         self.next: list[_Stop] = []
 
 
 class Landing:
-    """Blocks whose journey has ended: the hops before, and the last, which goes to the mailboxes."""
+    """Blocks whose journey has ended: the hops before, and the last, which goes to the mailboxes or (`onward`) on."""
 
-    __slots__ = ("arrival", "hops", "to_box")
+    __slots__ = ("arrival", "hops", "onward", "to_box")
 
-    def __init__(self, arrival: Time, hops: list[FrameBlock], to_box: bool) -> None:
+    def __init__(self, arrival: Time, hops: list[FrameBlock], to_box: bool, onward: list[Onward]) -> None:
         self.arrival = arrival
         self.hops = hops
         self.to_box = to_box
+        self.onward = onward
+
+
+class Onward:
+    """What is to be sent on along one route at `sent`: some rows of a block that has come so far."""
+
+    __slots__ = ("block", "rows", "sent", "starts", "stop")
+
+    def __init__(self, sent: Time, stop: _Stop, starts: Ints, block: FrameBlock, rows: Ints) -> None:
+        self.sent = sent
+        self.stop = stop
+        self.starts = starts
+        self.block = block
+        self.rows = rows
+
+    @property
+    def lanes(self) -> Ints:
+        """(n,) the numbers of the lanes that it goes on by."""
+        return self.stop.lane_of[self.starts]
+
+    def take(self, keep: NDArray[np.bool_]) -> Onward:
+        """Some of it."""
+        return Onward(self.sent, self.stop, self.starts[keep], self.block, self.rows[keep])
 
 
 class Express:
@@ -114,6 +141,17 @@ class Express:
         _follow(stop, self.lanes, now, lanes, payloads, None, parent_lane, parent_serial, [], counters, landings)
         return landings
 
+    def go_on(self, onward: Onward, counters: Ints) -> list[Landing]:
+        """Send on what has waited for its moment."""
+        landings: list[Landing] = []
+        block, rows = onward.block, onward.rows
+        carried = rows if block.rows is None else block.rows[rows]
+        _follow(
+            onward.stop, self.lanes, onward.sent, onward.starts, block.payloads, carried,
+            block.lane[rows], block.serial[rows], [], counters, landings,
+        )  # fmt: skip
+        return landings
+
 
 def _follow(
     stop: _Stop,
@@ -133,6 +171,16 @@ def _follow(
     arrival = now + stop.latency_ns
     block = FrameBlock(lanes, lane, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_lane, parent_serial)
     hops.append(block)
+    if stop.staged:
+        waiting = []
+        for onward in stop.next:
+            chosen = np.arange(len(lane))
+            if onward.select is not None:
+                chosen = np.flatnonzero(_selected(onward.select, block.carried()))
+            if len(chosen):
+                waiting.append(Onward(ceil_to(arrival, onward.service_ns), onward, starts[chosen], block, chosen))
+        landings.append(Landing(arrival, hops, False, waiting))
+        return
     branched = False
     for onward in stop.next:
         sent = ceil_to(arrival, onward.service_ns)
@@ -149,7 +197,7 @@ def _follow(
         branched = True
         hops = []  # the first branch carries what was flown before it
     if not branched:
-        landings.append(Landing(arrival, hops, stop.boxed))
+        landings.append(Landing(arrival, hops, stop.boxed, []))
 
 
 def _selected(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
@@ -167,25 +215,28 @@ def _shape(lane: Lane) -> Any:
     latency_ns = lane.channel.spec.latency_ns
     if not lane.forwards:
         return (latency_ns, lane.receiver is not None)
-    if lane.fused is None or lane.receiver is not None:
+    if lane.receiver is not None or (lane.fused is None and lane.staged is None):
         return None
     onward = []
-    for route, target in lane.fused:
+    for route, target in lane.fused or lane.staged or ():
         below = _shape(target)
         if below is None:
             return None
         onward.append((route.service_ns, route.select, below))
-    return (latency_ns, tuple(onward))
+    return (latency_ns, lane.staged is not None, tuple(onward))
 
 
 def _stops(lane: Lane, service_ns: Time, select: Select | None, size: int) -> _Stop:
-    stop = _Stop(lane.channel.spec.latency_ns, service_ns, select, lane.receiver is not None, size)
-    stop.next = [_stops(target, route.service_ns, route.select, size) for route, target in lane.fused or ()]
+    boxed, staged = lane.receiver is not None, lane.staged is not None
+    stop = _Stop(lane.channel.spec.latency_ns, service_ns, select, boxed, staged, size)
+    stop.next = [
+        _stops(target, route.service_ns, route.select, size) for route, target in lane.fused or lane.staged or ()
+    ]
     return stop
 
 
 def _enter(stop: _Stop, start: int, lane: Lane) -> None:
     """Note which lanes an express takes from one start."""
     stop.lane_of[start] = lane.number
-    for below, (_, target) in zip(stop.next, lane.fused or (), strict=True):
+    for below, (_, target) in zip(stop.next, lane.fused or lane.staged or (), strict=True):
         _enter(below, start, target)

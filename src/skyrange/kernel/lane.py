@@ -58,6 +58,7 @@ class Lane:
         "port",
         "receiver",
         "src",
+        "staged",
     )
 
     def __init__(self, spec: LinkSpec, direction: str, chance: Chance) -> None:
@@ -74,6 +75,8 @@ class Lane:
         """Where the receiving endpoint's routes lead."""
         self.fused: list[Forward] | None = None
         """The same routes where they may be followed at sending time; `None` where they may not."""
+        self.staged: list[Forward] | None = None
+        """The same routes where they may be followed when what they forward has arrived; `None` where they may not."""
         self.receiver: Mailbox | None = None
         self.local = True
         self.number = 0

@@ -23,7 +23,7 @@ from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, V
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
-from skyrange.kernel.express import Express, Landing
+from skyrange.kernel.express import Express, Landing, Onward
 from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
 
 if TYPE_CHECKING:
@@ -43,10 +43,11 @@ class Code(IntEnum):
     TAP = 4  # a tap acts on its own initiative
     STEP = 5  # an agent is stepped
     LAND = 6  # blocks come out of the last channel of their express
+    GO_ON = 7  # an endpoint's route sends on blocks that have come
 
 
 # Plain ints: enum look-ups cost more than the events they name.
-_ARRIVE, _RESUME, _CLOSE, _FORWARD, _TAP, _STEP, _LAND = (int(code) for code in Code)
+_ARRIVE, _RESUME, _CLOSE, _FORWARD, _TAP, _STEP, _LAND, _GO_ON = (int(code) for code in Code)
 
 Event = tuple[int, str, str, int, int, Any]
 """(time << 3 | phase, lane or group, sender or owner, that sender's serial, code, what the code needs)."""
@@ -54,6 +55,11 @@ Event = tuple[int, str, str, int, int, Any]
 
 def _number(lane: Lane) -> int:
     return lane.number
+
+
+def _came(frame: Frame) -> tuple[Time, str, int]:
+    """The order in which frames come out of one channel."""
+    return frame.arrived_ns, frame.sender, frame.serial
 
 
 def acts(attack: Stage | None, now: Time) -> bool:
@@ -87,6 +93,8 @@ class Traffic:
             self._forward(now, data)
         elif code == _LAND:
             self._land_blocks(now, data)
+        elif code == _GO_ON:
+            self._go_on(now, data)
         elif code == _RESUME:
             self.transmit(now, *data)
         elif code == _TAP:
@@ -262,13 +270,19 @@ class Traffic:
             part = (lanes, payloads) if whole else (lanes[rows], payloads.take(rows))
             serials = parents.serials[rows] if parents is not None else None
             of = (above[rows] if above is not None else None, serials)
-            for landing in express.fly(now, way, *part, *of, self._by_number[0].counters):
-                self._blocks += 1  # only so that no two events are alike: the order of landings shows nowhere
-                key = (landing.arrival << 3) | _DELIVERY
-                heappush(self.heap, (key, "", "", self._blocks, _LAND, landing))
+            self._await_landings(express.fly(now, way, *part, *of, self._by_number[0].counters))
+
+    def _await_landings(self, landings: Sequence[Landing]) -> None:
+        for landing in landings:
+            self._blocks += 1  # only so that no two events are alike: the order of landings shows nowhere
+            key = (landing.arrival << 3) | _DELIVERY
+            heappush(self.heap, (key, "", "", self._blocks, _LAND, landing))
 
     def _land_blocks(self, now: Time, landing: Landing) -> None:
         self._close_blocks(landing.hops)
+        for onward in landing.onward:  # before any forwarder of that moment: "" is less than their names
+            self._blocks += 1
+            heappush(self.heap, ((onward.sent << 3) | _WAKEUP, "", "", self._blocks, _GO_ON, onward))
         if not landing.to_box:
             return
         block, express = landing.hops[-1], self._express
@@ -278,6 +292,32 @@ class Traffic:
             box = express.boxes[owner]
             box.blocks.append(block if len(rows) == len(block) else block.take(rows))
             self._wake_box(now, box)
+
+    def _go_on(self, now: Time, onward: Onward) -> None:
+        """Send blocks on; those whose lane has single frames waiting at this moment wait with them, in their order."""
+        busy = {waiting.forward.lane.number for waiting in self._forwarders.values() if waiting.frames}
+        if busy:
+            lanes = onward.lanes
+            held = np.isin(lanes, list(busy))
+            if held.any():
+                self._hold(now, onward.take(held), lanes[held])
+                onward = onward.take(~held)
+        if len(onward.rows):
+            self._await_landings(self._express.go_on(onward, self._by_number[0].counters))
+
+    def _hold(self, now: Time, onward: Onward, lanes: Ints) -> None:
+        """Let rows of a block wait as single frames beside those that wait already."""
+        waiting = {forwarder.forward.lane.number: forwarder for forwarder in self._forwarders.values()}
+        frames = onward.block.take(onward.rows).frames()
+        for lane, frame in zip(lanes.tolist(), frames, strict=True):
+            forwarder = waiting[lane]
+            forwarder.frames.append(frame)
+            forwarder.frames.sort(key=_came)
+            if forwarder.due != now:
+                forwarder.due = now
+                route = forwarder.forward.route
+                name = f"{route.endpoint}|{route.source}|{route.target}"
+                heappush(self.heap, ((now << 3) | _WAKEUP, "", name, 0, _FORWARD, forwarder))
 
     def _close_blocks(self, blocks: Sequence[FrameBlock]) -> None:
         for observer in self.observers:

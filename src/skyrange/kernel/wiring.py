@@ -2,7 +2,7 @@
 
 A hop is fused — followed at sending time instead of by an event of its own — only where that cannot
 be told from the record: no tap on either hop, nobody listening in between, one route as the only
-source of the next hop, and a channel that keeps frames in order.
+source of the next hop, nobody speaking beside what is forwarded, and a channel that keeps frames in order.
 """
 
 from __future__ import annotations
@@ -181,7 +181,10 @@ def attach_routes(wiring: Wiring, lanes: Mapping[str, Lane], senders: Container[
             and (forward.lane.channel.steady or Port(forward.lane.src, forward.lane.link) not in voices)
             for forward in lane.forwards
         ):
-            lane.fused = lane.forwards
+            if Port(lane.src, lane.link) in voices:  # it meets what is forwarded: the next hop counts them as they come
+                lane.staged = lane.forwards
+            else:
+                lane.fused = lane.forwards
 
 
 def check(wiring: Wiring) -> None:

@@ -1,8 +1,8 @@
 """What is broadcast how often, and over what? Profiles of regulations, and who an aircraft says it is.
 
-`us` is 14 CFR 89.305 and 89.310: every element at least once a second. `astm` is F3411-22a: what moves once a second,
-what does not every three. Packs (Bluetooth 5, Wi-Fi) hold all that is due; Bluetooth 4 carries one message at a time,
-spread evenly.
+`us` is 14 CFR 89.305 and 89.310: every element at least once a second, on the air too. `astm` is F3411-22a: what moves
+once a second, what does not every three. Packs (Bluetooth 5, Wi-Fi) hold all that is due; Bluetooth 4 carries one
+message at a time, spread evenly.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from skyrange.codec.f3411 import IdType, MessageType, UaType, is_serial_number
 from skyrange.codec.rid_link import Transport
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import hash64
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 PROFILES: Final = ("us", "astm")
 TRANSPORTS: Final = {
@@ -25,6 +25,10 @@ TRANSPORTS: Final = {
     "bluetooth": (Transport.BT4, Transport.BT5),
 }
 """By name; F3411-22a asks that Bluetooth 4 and 5 are sent together."""
+US_NS: Final[Time] = 980 * NS_PER_MS
+"""From each element of `us` to the same again. On the air an advertisement comes up to 10 ms later than it was asked
+for (advDelay, Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1), and a Wi-Fi frame when the channel is free: 20 ms are
+left for that, so that a second is kept there too."""
 STATIC_S: Final = 3
 """F3411-22a: static messages at least every 3 s."""
 _MAKER: Final = "SKYR"
@@ -128,7 +132,7 @@ def cycle(broadcast: Broadcast) -> Cycle:
     where = int(MessageType.LOCATION)
     whole = (static[0], where, *static[1:])
     us = broadcast.profile == "us"
-    period_ns = NS_PER_S if us else STATIC_S * NS_PER_S
+    period_ns = US_NS if us else STATIC_S * NS_PER_S
     slots = []
     for transport in [kind for name in broadcast.transports for kind in TRANSPORTS[name]]:
         if transport is not Transport.BT4:

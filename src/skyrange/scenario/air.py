@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationError, model_validator
 
@@ -10,6 +11,9 @@ from skyrange.agent.plugins import AVOIDANCE
 from skyrange.agent.settings import Enu
 from skyrange.core.errors import Fault, nearest
 from skyrange.scenario.base import Id, Model, Number, known, refuse, wrong
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
 
 RECEIVERS = ("companion", "sniffer", "hopper", "phone", "phone-idle")
 """Kinds of receivers, rows of `radio.receivers.PROFILES`."""
@@ -130,3 +134,19 @@ def _kind_alone(value: Any) -> Any:
 
 AnyAvoidance = Annotated[Avoidance, BeforeValidator(_kind_alone, json_schema_input_type=Avoidance | str)]
 """In short its kind."""
+
+
+def misplaced(where: str, place: tuple[float, float, float], city: City | None) -> Iterator[Fault]:
+    """Antennas below the ground or inside buildings; `where` is the place's key."""
+    east_m, north_m, up_m = place
+    shown = f"[{east_m:g}, {north_m:g}, {up_m:g}] m"
+    building = city.inside(east_m, north_m, up_m) if city is not None else None
+    if up_m < 0.0:
+        yield Fault(where, shown, "a place on the ground (0) or above")
+    elif building is not None:
+        yield Fault(
+            where,
+            shown,
+            f"a place outside buildings; this is in {building.name or building.id}, {building.height_m:g} m high",
+            "Put it on the roof, or into the street.",
+        )

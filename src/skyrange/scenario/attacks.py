@@ -15,7 +15,9 @@ from skyrange.agent.settings import Enu, Params
 from skyrange.attack.contract import Attack, AttackKind, Place, Setting, Transmitter
 from skyrange.attack.triggers import Near
 from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.ids import owner_of
 from skyrange.core.time import NEVER, from_seconds
+from skyrange.scenario.air import misplaced
 from skyrange.scenario.base import Id, Model, Number, items, known, refuse, wrong
 
 if TYPE_CHECKING:
@@ -214,15 +216,7 @@ def _row(attack: AttackTable, made: Attack) -> dict[str, Any]:
     }
 
 
-def radio_faults(radios: Sequence[Transmitter], city: City) -> Iterator[Fault]:
-    """Attackers' radios inside buildings."""
+def radio_faults(radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
+    """Attackers' radios where none can be."""
     for radio in radios:
-        east_m, north_m, up_m = radio.at_enu_m
-        building = city.inside(east_m, north_m, up_m)
-        if building is not None:
-            yield Fault(
-                f"attacks.{radio.endpoint.rsplit('.', 1)[0]}.params.transmitter_m",
-                f"[{east_m:g}, {north_m:g}, {up_m:g}] m",
-                f"a place outside buildings; this is in {building.name or building.id}, {building.height_m:g} m high",
-                "Put it on the roof, or into the street.",
-            )
+        yield from misplaced(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)

@@ -21,7 +21,8 @@ from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.radio.receivers import PROFILES
 from skyrange.radio.surroundings import Surroundings
 from skyrange.remoteid.profiles import Broadcast
-from skyrange.scenario.air import RemoteId
+from skyrange.scenario.air import RemoteId, misplaced
+from skyrange.scenario.faults import spelled
 from skyrange.scenario.fleet import Vehicle
 from skyrange.scenario.operators import Operator
 from skyrange.scenario.schema import Scenario
@@ -72,7 +73,7 @@ def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Br
     )
 
 
-def air_faults(scenario: Scenario, radios: Sequence[Transmitter]) -> Iterator[Fault]:
+def air_faults(scenario: Scenario, radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
     """Everything about the air that only the whole scenario can show."""
     if scenario.radio is None:
         hint = "Add [radio] to the scenario."
@@ -89,7 +90,7 @@ def air_faults(scenario: Scenario, radios: Sequence[Transmitter]) -> Iterator[Fa
     attackers = {owner_of(radio.endpoint) for radio in radios}
     seen: set[str] = set()
     for index, receiver in enumerate(scenario.radio.receivers):
-        where = f"radio.receivers.{index}"
+        where = spelled(("radio", "receivers", index), scenario)
         if receiver.operator not in operators:
             yield Fault(
                 f"{where}.operator",
@@ -100,6 +101,7 @@ def air_faults(scenario: Scenario, radios: Sequence[Transmitter]) -> Iterator[Fa
         if receiver.id in seen or receiver.id in attackers:
             yield Fault(f"{where}.id", receiver.id, "an id that no other receiver and no attack has")
         seen.add(receiver.id)
+        yield from misplaced(f"{where}.place", receiver.place, city)
     for operator, vehicle in scenario.fleet:
         try:
             broadcast_of(operator, vehicle, scenario)

@@ -71,8 +71,8 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     scenario = placed(scenario, city)
     links, all_routes = _network(scenario)
     made = make_attacks(scenario.attacks, setting_of(scenario, links, city))
-    faults = [*check(scenario, city), *made.faults, *air_faults(scenario, made.radios)]
-    faults += radio_faults(made.radios, city) if city is not None else ()
+    faults = [*check(scenario, city), *made.faults, *air_faults(scenario, made.radios, city)]
+    faults += radio_faults(made.radios, city)
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
     links += made.links

@@ -15,6 +15,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skyrange.core.compiled import compiled_before
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.runtime.interrupt import Interruptible
@@ -46,7 +47,8 @@ def fly_all(
 ) -> list[Flown]:
     """Fly every scenario into its folder, `jobs` at a time; returns what came of each, in order.
 
-    Ctrl-C ends those that fly, and the others do not start: their code is that of a shortfall.
+    Where no kernel was compiled before, the first flies alone: what it compiles the others find. Ctrl-C ends those
+    that fly, and the others do not start: their code is that of a shortfall.
     """
     if jobs <= 1 or len(flights) <= 1:
         return _one_by_one(flights, on_progress, report)
@@ -55,11 +57,12 @@ def fly_all(
     results: list[Flown | None] = [None] * len(flights)
     waiting = list(range(len(flights)))
     children: dict[Connection, _Child] = {}
-    told = False
+    told, cold = False, not compiled_before()
     with Interruptible() as interrupt:
         try:
             while children or (waiting and not interrupt.requested):
-                while waiting and len(children) < jobs and not interrupt.requested:
+                most = 1 if cold and not any(results) else jobs
+                while waiting and len(children) < most and not interrupt.requested:
                     number = waiting.pop(0)
                     inlet, outlet = context.Pipe(duplex=False)
                     scenario, folder = flights[number]

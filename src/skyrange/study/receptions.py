@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from skyrange.core.time import NS_PER_S
 from skyrange.record.run import RunRecord
+from skyrange.study.series import Record, vehicles
 
 Floats = NDArray[np.float64]
 
@@ -74,3 +78,66 @@ def who_heard_whom(heard: Receptions) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+MOST_AIRCRAFT = 40
+"""Of larger fleets only what ground receivers heard is read, since everybody hears everybody."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hearing:
+    """What one receiver decoded of one sender: times are ends of receptions.
+
+    `silence_s` is the longest between two, `None` where there was but one.
+    """
+
+    receiver: str
+    sender: str
+    decoded: int
+    median_dbm: float
+    most_dbm: float
+    first_s: float
+    last_s: float
+    silence_s: float | None
+
+
+def hearings(record: Record) -> list[Hearing]:
+    """What each ground receiver heard, by receiver and sender; then each aircraft of a fleet of `MOST_AIRCRAFT`."""
+    wanted = [str(row["id"]) for row in record.manifest.get("receivers") or []]
+    fleet = [vehicle.id for vehicle in vehicles(record)]
+    if len(fleet) <= MOST_AIRCRAFT:
+        wanted += fleet
+    if not wanted:
+        return []
+    parts: dict[tuple[str, str], list[tuple[NDArray[np.int64], Floats]]] = {}
+    for batch in record.batches("receptions", ["time_ns", "link", "receiver", "rssi_dbm", "outcome"]):
+        keep = pc.is_in(batch.column("receiver"), value_set=pa.array(wanted, pa.string()))
+        rows = batch.filter(pc.and_(keep, pc.equal(batch.column("outcome"), "decoded")))
+        if not rows.num_rows:
+            continue
+        pairs = np.array(pc.binary_join_element_wise(rows.column("receiver"), rows.column("link"), "\n").to_pylist())
+        found, number = np.unique(pairs, return_inverse=True)
+        order = np.argsort(number, kind="stable")
+        ends = np.cumsum(np.bincount(number))[:-1]
+        times = np.split(rows.column("time_ns").to_numpy()[order], ends)
+        levels = np.split(rows.column("rssi_dbm").to_numpy()[order], ends)
+        for pair, at_ns, rssi_dbm in zip(found.tolist(), times, levels, strict=True):
+            receiver, link = pair.split("\n")
+            parts.setdefault((receiver, link.partition(":")[2]), []).append((at_ns, rssi_dbm))
+    places = {name: place for place, name in enumerate(wanted)}
+    return [_hearing(*pair, parts[pair]) for pair in sorted(parts, key=lambda pair: (places[pair[0]], pair[1]))]
+
+
+def _hearing(receiver: str, sender: str, parts: list[tuple[NDArray[np.int64], Floats]]) -> Hearing:
+    seconds = np.sort(np.concatenate([at_ns for at_ns, _ in parts])) / NS_PER_S
+    rssi_dbm = np.concatenate([rssi for _, rssi in parts])
+    return Hearing(
+        receiver,
+        sender,
+        len(seconds),
+        float(np.median(rssi_dbm)),
+        float(rssi_dbm.max()),
+        float(seconds[0]),
+        float(seconds[-1]),
+        float(np.diff(seconds).max()) if len(seconds) > 1 else None,
+    )

@@ -14,6 +14,7 @@ from skyrange.study.flights import Flight, flights
 from skyrange.study.linkstats import LinkStats, link_stats
 from skyrange.study.marks import Mark, marks
 from skyrange.study.palette import Ink, base_colours, ink
+from skyrange.study.receptions import Hearing, hearings
 from skyrange.study.series import (
     Happening,
     Record,
@@ -51,6 +52,7 @@ class Gathered:
     marks: Sequence[Mark]
     links: Sequence[LinkStats]
     flights: Sequence[Flight]
+    hearings: Sequence[Hearing]
     start_ns: int
     end_ns: int
     recorded_ns: int
@@ -98,6 +100,7 @@ def gather(record: Record) -> Gathered:
         marks=marks(events, truth),
         links=link_stats(record),
         flights=flights(record, subject.fleet, truth, belief, events),
+        hearings=hearings(record),
         start_ns=start,
         end_ns=view,
         recorded_ns=recorded,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from html import escape
 
 import numpy as np
 
 from skyrange.study import svg
 from skyrange.study.ground import ground_of
-from skyrange.study.receptions import Receptions, who_heard_whom
+from skyrange.study.receptions import MOST_AIRCRAFT, Hearing, Receptions, who_heard_whom
 from skyrange.study.report import words
 from skyrange.study.subject import Subject
 from skyrange.study.svg import Figure, number
@@ -69,6 +69,40 @@ def hearing_table(heard: Receptions) -> str:
     )
     cut = f"<p class=note>The first {MOST_PAIRS} of {len(rows)} pairs.</p>" if len(rows) > MOST_PAIRS else ""
     return table + cut
+
+
+def heard_section(rows: Sequence[Hearing], fleet: int, end_s: float) -> str:
+    """The section on who was heard by each receiver of a run of `fleet` aircraft, how strong, and how long ago at
+    `end_s`; "" where nobody heard anybody.
+    """
+    if not rows:
+        return ""
+    table = words.table(
+        "Who heard whom",
+        ["receiver", "hears"],
+        ["decoded", "median", "strongest", "longest silence", "age at the end"],
+        (
+            f"<tr><th scope=row>{escape(row.receiver)}</th><td>{escape(row.sender)}</td>"
+            + words.cells(
+                words.count(row.decoded),
+                words.quantity(row.median_dbm, "dBm", 0),
+                words.quantity(row.most_dbm, "dBm", 0),
+                words.quantity(row.silence_s, "s", 1),
+                words.quantity(max(end_s - row.last_s, 0.0), "s", 1),
+            )
+            + "</tr>"
+            for row in rows[:MOST_PAIRS]
+        ),
+        "tall",
+    )
+    cut = f"<p class=note>The first {MOST_PAIRS} of {len(rows)} pairs.</p>" if len(rows) > MOST_PAIRS else ""
+    whose = "each receiver on the ground and each aircraft" if fleet <= MOST_AIRCRAFT else "each receiver on the ground"
+    return (
+        '<section id="air"><h2>On the air</h2>'
+        f'<p class="lead">Whom {whose} heard: the radio that truly sent, whoever it claimed to be. What ground '
+        "stations made of it stands under events as track seen and track lost.</p>"
+        f'<div class="card">{table}{cut}</div></section>'
+    )
 
 
 def _key() -> str:

@@ -9,9 +9,10 @@ from html import escape
 from importlib.resources import files
 from string import Template
 
+from skyrange.core.time import NS_PER_S
 from skyrange.study import figures
 from skyrange.study.palette import Ink
-from skyrange.study.report import linktable, sections, timeline, words
+from skyrange.study.report import hearing, linktable, sections, timeline, words
 from skyrange.study.report.embedded import embed
 from skyrange.study.report.gathered import Gathered, gather
 from skyrange.study.series import Record
@@ -27,6 +28,7 @@ def render(record: Record) -> str:
     data, notes = embed(run)
     style = asset("style.css") + ink_rules(run.operator_inks, run.subject)
     script = '"use strict";(()=>{\n' + "\n".join(asset(name) for name in SCRIPTS) + "\n})();"
+    air = hearing.heard_section(run.hearings, len(run.fleet), run.recorded_ns / NS_PER_S)
     return Template(asset("page.html")).substitute(
         policy=escape(_policy(style, script), quote=True),
         title=escape(f"{run.manifest.get('name') or 'run'} · skyrange"),
@@ -43,6 +45,8 @@ def render(record: Record) -> str:
         altitude=figures.draw_altitude(run.subject, run.truth).svg,
         gaps=sections.gaps(run),
         links=linktable.links(run),
+        air=air,
+        to_air='<a href="#air">Air</a>' if air else "",
         calm=timeline.calm(run),
         lanes=timeline.lanes(run),
         events=timeline.table([*run.events, *run.attacks], run, "events", "Events and hostile acts"),

@@ -1,0 +1,183 @@
+"""A run with a radio, companions and an attack: forked, split, unfused, in other processes, killed. No byte differs."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skyrange.core.chance import Chance
+from skyrange.core.time import NS_PER_S
+from skyrange.kernel import Kernel, Wiring
+from skyrange.record import load
+from skyrange.record.memory import MemoryObserver
+from skyrange.runtime.run import Run
+from skyrange.scenario.load import load_text
+from skyrange.scenario.wire import Rig, wire
+from skyrange.study.diff import diff
+from skyrange.study.session import fly
+from skyrange.vehicle.companion.companion import Companion
+from tests.integration.twin_range import plain
+
+OWN = 'avoidance = "geometric"\n  remote_id = { transports = ["bluetooth", "wifi_beacon"] }'
+ATTACKS = """
+[[attacks]]
+id = "ghost"
+kind = "remote_id.spoof"
+start_s = 12
+params = { at = [40, 0, 30], transports = ["bt5", "wifi_nan"] }
+[[attacks]]
+id = "noise"
+kind = "remote_id.jam"
+start_s = 15
+params = { transmitter_m = [30, 30, 2], power_dbm = 0, duty = 0.2 }
+[[attacks]]
+id = "parrot"
+kind = "remote_id.replay"
+start_s = 14
+params = { transmitter_m = [-30, 30, 2], delay_s = 3 }
+"""
+EARS = """
+[radio]
+city_busy = 0.2
+[[radio.receivers]]
+id = "mast"
+operator = "blue"
+place = [30, 20, 9]
+kind = "phone"
+"""
+TEXT = plain(26, radio=EARS, own=OWN, more=ATTACKS)
+END_NS = 26 * NS_PER_S
+
+
+def rows_of(folder: Path, table: str) -> list[dict[str, Any]]:
+    return load(folder).table(table).to_pylist()
+
+
+# 17.345 s is no tick of oracle or companion; at 17.5 s the companions look, at 18 s they count
+@pytest.mark.parametrize("at_s", [17.345, 18.0])
+def test_a_fork_in_mid_flight_goes_on_alike(at_s: float, tmp_path: Path) -> None:
+    straight = fly(load_text(TEXT), tmp_path / "straight", report=False)
+    trunk = Run.start(load_text(TEXT), tmp_path / "trunk")
+    trunk.advance(at_s)
+    branch = trunk.fork(tmp_path / "branch")
+    for part in (branch, trunk):
+        part.advance(26.0)
+        part.finish()
+    assert [r for r in rows_of(tmp_path / "straight", "decisions") if r["kind"] == "decision.avoid"]
+    late = [r for r in rows_of(tmp_path / "straight", "receptions") if r["time_ns"] > at_s * NS_PER_S]
+    assert len(late) > 100
+    for name in ("trunk", "branch"):
+        assert load(tmp_path / name).manifest["digests"] == straight.manifest["digests"]
+        assert diff(load(tmp_path / name), straight).same
+        for table in ("receptions", "decisions", "labels"):
+            assert rows_of(tmp_path / name, table) == rows_of(tmp_path / "straight", table), table
+
+
+def kept(rig: Rig, wiring: Wiring) -> tuple[Any, ...]:
+    """What a kernel makes of a wiring: digests, notes, labels and receptions."""
+    observer = MemoryObserver()
+    kernel = Kernel(wiring, [observer])
+    kernel.advance(END_NS)
+    kernel.finish()
+    assert rig.oracle is not None
+    found = rig.oracle.drain_receptions()
+    assert found is not None
+    rows = found.rows
+    names = [found.names[number] for number in rows.number.tolist()]
+    radios = [found.radios[radio] for radio in rows.radio.tolist()]
+    heard = list(
+        zip(names, rows.serial.tolist(), radios, rows.time_ns.tolist(), rows.rssi_dbm.tolist(), rows.snir_db.tolist(),
+            rows.channel.tolist(), rows.outcome.tolist(), strict=True)
+    )  # fmt: skip
+    digests = observer.digests
+    notes = sorted(repr(note) for note in observer.notes)
+    frames = sorted(
+        repr((f.id, f.sent_ns, f.arrived_ns, f.payload, f.parent, f.causes, f.fate)) for f in observer.frames
+    )
+    return digests.frames, digests.truth, frames, notes, sorted(map(repr, observer.labels)), heard
+
+
+def test_two_companions_do_what_one_does() -> None:
+    whole = wire(load_text(TEXT))
+    split = wire(load_text(TEXT))
+    (companion,) = [agent for agent in split.wiring.agents if isinstance(agent, Companion)]
+    parts = [
+        Companion(f"companion {spec.vehicle}", [spec], split.scenario.origin.datum, Chance(split.scenario.seed))
+        for spec in companion.specs
+    ]
+    split.wiring.agents = [*(agent for agent in split.wiring.agents if agent is not companion), *parts]
+    a, b = kept(whole, whole.wiring), kept(split, split.wiring)
+    assert a[:3] == b[:3]
+    assert a[4:] == b[4:]
+    renamed = sorted(note.replace(f"companion {v}", "companions") for note in b[3] for v in [about(note)])
+    assert sorted(a[3]) == renamed
+    assert any("decision.avoid" in note for note in a[3])
+    assert len(a[5]) > 300
+
+
+def about(note: str) -> str:
+    return next((v for v in ("blue/b1", "blue/b2") if f"companion {v}" in note), "")
+
+
+def test_fused_routes_record_what_separate_ones_do() -> None:
+    fused, single = wire(load_text(TEXT)), wire(load_text(TEXT))
+    assert fused.wiring.fuse
+    assert kept(fused, fused.wiring) == kept(single, replace(single.wiring, fuse=False))
+
+
+def test_other_hash_seeds_other_processes_same_fingerprint(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(TEXT)
+    command = [sys.executable, "-c", "from skyrange.cli import main; main()", "run", str(tmp_path / "s.toml"), "--json"]
+    digests = []
+    for seed in ("0", "4242"):
+        folder = tmp_path / seed
+        env = {**os.environ, "PYTHONHASHSEED": seed}
+        done = subprocess.run([*command, "--out", str(folder)], capture_output=True, text=True, timeout=300, env=env)
+        assert done.returncode == 0, done.stderr
+        digests.append(json.loads(done.stdout)["digests"])
+    assert digests[0] == digests[1]
+    assert rows_of(tmp_path / "0", "receptions") == rows_of(tmp_path / "4242", "receptions")
+    assert (tmp_path / "0/receptions.parquet").read_bytes() == (tmp_path / "4242/receptions.parquet").read_bytes()
+
+
+CHILD = """
+import sys
+from pathlib import Path
+from skyrange.runtime.run import Run
+from skyrange.scenario.load import load_text
+run = Run.start(load_text(Path(sys.argv[2]).read_text()), Path(sys.argv[1]))
+run.execute(speed=8.0, on_progress=lambda now, end: print(now, flush=True))
+"""
+SPEED = 8.0
+
+
+def test_a_record_that_is_killed_keeps_its_receptions(tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text(TEXT)
+    folder = tmp_path / "run"
+    command = [sys.executable, "-c", CHILD, str(folder), str(tmp_path / "s.toml")]
+    child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    reached = 0
+    for line in child.stdout:
+        reached = int(line)
+        if reached >= 20 * NS_PER_S:
+            break
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait()
+    child.stdout.close()
+    record = load(folder)
+    assert record.status == "killed or still running"
+    kept = record.table("receptions").to_pylist()
+    # one wall second is SPEED simulated ones; a step more may have been under way
+    assert max(row["time_ns"] for row in kept) > reached - (SPEED + 1.5) * NS_PER_S
+    straight = fly(load_text(TEXT), tmp_path / "straight", report=False).table("receptions").to_pylist()
+    assert kept == straight[: len(kept)]
+    assert {row["outcome"] for row in kept} == {"decoded"}

@@ -1,0 +1,171 @@
+"""What of a run goes into a capture: order, choice of receivers, memory, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from skyrange.codec import datagrams, pcapng, rid_link
+from skyrange.codec.datagrams import Socket
+from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.core.errors import InputError
+from skyrange.core.time import NS_PER_S
+from skyrange.radio import ground
+from skyrange.record import RunRecord, load
+from skyrange.study import export, overheard
+from skyrange.study.overheard import chosen, receivers_of
+from skyrange.study.overheard import overheard as heard_in
+
+LINKS = ["gcs:a/1", "rid_up:a/1", "rid_down:a/1", "rid_up:b/1", "rid_down:b/1", "oracle:a"]
+MANIFEST = {
+    "format": "skyrange.run/1", "status": "complete", "start_unix_ns": NS_PER_S,
+    "operators": [{"id": "a"}, {"id": "b"}],
+    "vehicles": [{"id": "a/1", "operator": "a"}, {"id": "b/1", "operator": "b"}],
+    "links": [{"name": name} for name in LINKS], "receivers": [{"id": "mast", "operator": "a"}],
+}  # fmt: skip
+
+
+class Tables:
+    """Frames (link, sender, payload) in batches, counted as they are read."""
+
+    def __init__(self, batches: Iterator[list[tuple[str, str, bytes]]]) -> None:
+        self.batches = batches
+        self.read = 0
+
+    def frames_with_payloads(self, columns: Sequence[str]) -> Iterator[pa.Table]:
+        for rows in self.batches:
+            self.read += 1
+            yield pa.table(dict(zip(("link", "sender", "payload"), map(list, zip(*rows, strict=True)), strict=True)))
+
+
+def record(*batches: list[tuple[str, str, bytes]], **changes: Any) -> RunRecord:
+    return RunRecord(Path("run"), {**MANIFEST, **changes}, Tables(iter(batches)))  # type: ignore[arg-type]
+
+
+def reception(at_ns: int, counter: int = 0) -> bytes:
+    return rid_link.pack(RidHeader(Transport.WIFI_BEACON, 6, counter, b"abcdef", -7000, at_ns), bytes(25))
+
+
+def report(*receptions: tuple[str, int]) -> bytes:
+    return ground.encode(
+        ground.Report(
+            body=tuple(
+                ground.Reception(
+                    receiver=name, time_ns=at_ns, transport=1, channel=37, counter=0, rssi_dbm=-80.0,
+                    address="616263646566", body="00" * 25,
+                )
+                for name, at_ns in receptions
+            )
+        )
+    )  # fmt: skip
+
+
+def test_receptions_are_ordered_by_time_and_are_the_oracles_own() -> None:
+    run = record(
+        [("rid_down:a/1", "oracle", reception(500)), ("oracle:a", "oracle", report(("mast", 300), ("mast", 700)))],
+        [
+            ("rid_down:b/1", "oracle", reception(100)),
+            ("rid_down:a/1", "tap@rid_down:a/1", reception(50)),
+            ("rid_down:a/1", "rid_down:a/1.channel", reception(60)),
+            ("oracle:a", "a.gcs", b"{}"),
+            ("rid_up:a/1", "a/1.companion", reception(70)),
+        ],
+    )
+    assert [(one.receiver, one.frame.header.time_ns) for one in heard_in(run)] == [
+        ("b/1", 100), ("mast", 300), ("a/1", 500), ("mast", 700),
+    ]  # fmt: skip
+
+
+def test_only_those_asked_for() -> None:
+    rows = [("rid_down:a/1", "oracle", reception(1)), ("oracle:a", "oracle", report(("mast", 2), ("other", 3)))]
+    assert [one.receiver for one in heard_in(record(rows), ["mast"])] == ["mast"]
+    assert [one.receiver for one in heard_in(record(rows), ["a/1"])] == ["a/1"]
+
+
+def test_a_long_record_is_read_as_it_is_written() -> None:
+    """What is held is what lies within `HELD_NS`, here two batches' worth."""
+    step = overheard.HELD_NS // 100
+    batches = [[("rid_down:a/1", "oracle", reception((50 * n + k) * step)) for k in range(50)] for n in range(400)]
+    run = record(*batches)
+    stream = heard_in(run)
+    for n, _ in zip(range(2_000), stream, strict=False):
+        assert run.tables.read <= n // 50 + 4  # type: ignore[attr-defined]
+    assert sum(1 for _ in stream) == 18_000
+
+
+def test_unknown_receivers_are_named_all_at_once() -> None:
+    assert receivers_of(record()) == ["a/1", "b/1", "mast"]
+    assert chosen(record(), ["mast", "mast"]) == ["mast"]
+    with pytest.raises(InputError, match="Did you mean 'mast'") as caught:
+        heard_in(record(), ["mst", "a/1", "c/1"])
+    assert len(caught.value.faults) == 2
+
+
+def test_a_run_without_a_radio_has_nothing_to_export(tmp_path: Path) -> None:
+    manifest = {**MANIFEST, "links": [{"name": "gcs:a/1"}], "receivers": []}
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    run = load(tmp_path)
+    with pytest.raises(InputError, match="a run with a radio medium"):
+        export.remote_id(run)
+    assert export.mavlink(run).packets == 0
+
+
+def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_says_whose_it_is(tmp_path: Path) -> None:
+    """Of what arrived, by arrival."""
+    rows = {
+        "link": ["gcs:b/1", "gcs:b/1", "gcs:b/1"], "direction": ["fwd", "rev", "fwd"],
+        "sender": ["tap@gcs:b/1", "b/1.companion", "b.gcs"], "src": ["b.gcs", "b/1.companion", "b.gcs"],
+        "arrived_ns": [500, 300, None], "payload": [b"INJECTED", b"TELEMETRY", b"LOST"],
+    }  # fmt: skip
+    run = record()
+    run.tables.frames_with_payloads = lambda columns: iter([pa.table(rows)])  # type: ignore[attr-defined, method-assign]
+    made = export.mavlink(run, tmp_path / "m.pcapng")
+    assert made.by == {"gcs:a/1": 0, "gcs:b/1": 2}
+    written = made.path.read_bytes()
+    places = [written.index(part) for part in (b"TELEMETRY", b"INJECTED", b"gcs:b/1, sent by tap@gcs:b/1")]
+    assert places == sorted(places)
+    assert b"LOST" not in written
+    start = places[1] - 28
+    assert datagrams.udp(Socket(0x0AFF0002, 14550), Socket(0x0A000002, 14555), b"INJECTED") == written[start:][:36]
+
+
+def test_half_a_file_is_not_left_behind(tmp_path: Path) -> None:
+    whole = tmp_path / "c.pcapng"
+    rows = [("rid_down:a/1", "oracle", reception(1)), ("rid_down:a/1", "oracle", b"broken")]
+    whole.write_bytes(b"before")
+    with pytest.raises(Exception, match="at least 24"):
+        export.remote_id(record(rows), whole)
+    assert [path.name for path in tmp_path.iterdir()] == ["c.pcapng"]
+    assert whole.read_bytes() == b"before"
+
+
+@pytest.mark.parametrize("start", [None, -1, 1.5, "2026", True])
+def test_a_start_that_is_none_is_an_error(start: Any, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="start_unix_ns"):
+        export.remote_id(record(start_unix_ns=start), tmp_path / "c.pcapng")
+
+
+def test_datagram_bytes() -> None:
+    """The header of RFC 1071's method on a datagram by hand: words summed with end-around carry, and complemented."""
+    made = datagrams.udp(Socket(0x0A000001, 14555), Socket(0x0AFF0001, 14550), b"\x01\x02\x03")
+    assert made.hex() == (
+        "4500001f00004000401125ce"  # 31 bytes, do not fragment, TTL 64, UDP; the other words sum to 0xda31
+        "0a0000010aff0001"
+        "38db38d6000b0000010203"
+    )
+    words = [int.from_bytes(made[at : at + 2], "big") for at in range(0, 20, 2)]
+    total = sum(words)
+    assert (total & 0xFFFF) + (total >> 16) == 0xFFFF
+    with pytest.raises(ValueError, match="at most"):
+        datagrams.udp(Socket(1, 1), Socket(2, 2), bytes(datagrams.MOST + 1))
+
+
+def test_names_block() -> None:
+    """pcapng draft, 4.4: type 4, record type 1 of address and zero-terminated name, padded, ended by an empty one."""
+    block = pcapng.names({0x0A000001: "a/1"})
+    assert block.hex() == "040000001c000000010008000a000001612f3100000000001c000000"
