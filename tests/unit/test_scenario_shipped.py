@@ -122,7 +122,7 @@ id = "o"
     assert city.inside(*receiver.place) is None
     assert receiver.place[2] == 5
     assert math.dist(receiver.place, (30, 30, 5)) < 60
-    with pytest.raises(InputError, match="stands there"):
+    with pytest.raises(InputError, match="expected a place outside buildings"):
         wire(load_text(text.replace('"clear"', '"exact"')))
 
 
