@@ -202,6 +202,36 @@ def test_it_returns_home_when_it_has_waited_long_enough() -> None:
     assert avoidance.decide(1, OWN, seen, late).action is Action.RETURN
 
 
+def test_who_was_climbing_comes_back_over_its_place_before_it_goes_on() -> None:
+    # a take-off that is resumed goes straight up from wherever it is
+    avoidance, second = Geometric(), NS_PER_S
+    top = (0.0, 0.0, 60.0)
+    climbing = Own((0.0, 0.0, 30.0), (0.0, 0.0, 2.5), top, 5.0)
+    decision = avoidance.decide(0, climbing, tracks((8, 0, 50, 0, 0, 0)), None)
+    assert decision.action in (Action.GO, Action.STOP)
+    aside = climbing._replace(pos_enu_m=(25.0, 0.0, 30.0), vel_enu_mps=(0.0, 0.0, 0.0))
+    for at in range(1, 8):  # the way to the top is clear, yet it is not over its place
+        decision = avoidance.decide(at * second, aside, NO_TRACKS, decision.episode)
+        assert decision.action is Action.GO
+    assert decision.waypoint_enu_m == (0.0, 0.0, 30.0)
+    back = aside._replace(pos_enu_m=(2.0, 0.0, 30.0))
+    actions = []
+    for at in range(8, 12):
+        decision = avoidance.decide(at * second, back, NO_TRACKS, decision.episode)
+        actions.append(decision.action)
+        if decision.episode is None:
+            break
+    assert actions[-1] is Action.RESUME
+    # who was flying along resumes wherever its way is clear
+    decision = avoidance.decide(0, OWN, tracks((60, 0, 30, 0, 0, 0)), None)
+    beside = OWN._replace(pos_enu_m=(30.0, 30.0, 30.0))
+    for at in range(1, 5):
+        decision = avoidance.decide(at * second, beside, NO_TRACKS, decision.episode)
+        if decision.episode is None:
+            break
+    assert decision.action is Action.RESUME
+
+
 def test_kinds_are_plugins_and_bad_parameters_are_named() -> None:
     offered = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][AVOIDANCE]
     for kind, value in offered.items():

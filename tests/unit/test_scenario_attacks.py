@@ -11,6 +11,7 @@ from skyrange.agent import plugins
 from skyrange.attack.remote_id_jam import JAM
 from skyrange.attack.remote_id_replay import REPLAY
 from skyrange.attack.remote_id_spoof import SPOOF
+from skyrange.attack.triggers import Near
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.scenario.emit import to_toml
@@ -160,6 +161,32 @@ def test_a_radio_inside_a_building_is_named() -> None:
     with pytest.raises(InputError, match=r"attacks\.j\.params\.transmitter_m.*a place outside buildings"):
         wire(load_text(text + jam.format(place.x, place.y)))
     wire(load_text(text + jam.format(0, 0)))
+
+
+def test_places_count_from_an_anchor() -> None:
+    moved = FLEET.replace('id = "g1"', 'id = "g1"\n  start = [100, -20]')
+    anchored = GHOST.replace("params = {", 'anchor = "green/g1"\nparams = {')
+    rig = wire(load_text(moved + anchored))
+    (row,) = rig.header["attacks"]
+    assert row["radios"] == [{"endpoint": "ghost.radio", "at_enu_m": [110.0, -10.0, 2.0]}]
+    assert len(row["shown"]) == 5
+    for east_m, north_m, up_m in row["shown"].values():
+        assert (east_m - 110.0) ** 2 + (north_m + 10.0) ** 2 <= 100.0**2
+        assert up_m == 10.0
+    trigger = rig.wiring.attacks[0].trigger
+    assert isinstance(trigger, Near)
+    assert trigger.place_enu_m == (100.0, -20.0, 10.0)
+    with pytest.raises(InputError, match=r"anchor: green/g9 .* Did you mean 'green/g1'"):
+        load_text(moved + anchored.replace('anchor = "green/g1"', 'anchor = "green/g9"'))
+
+
+def test_a_transmitter_that_is_not_placed_stands_on_the_roof() -> None:
+    city = "[city]\ngrid = {}\n"
+    rig = wire(load_text(FLEET.replace("[radio]", city + "[radio]") + GHOST.replace("[10, 10, 10]", "[30, 30, 70]")))
+    assert rig.city is not None
+    roof_m = rig.city.height_at(30.0, 30.0)
+    assert roof_m > 0
+    assert rig.header["attacks"][0]["radios"][0]["at_enu_m"] == [30.0, 30.0, roof_m + 2.0]
 
 
 def test_the_schema_knows_each_kinds_parameters() -> None:

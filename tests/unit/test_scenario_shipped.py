@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ from skyrange.scenario.flight import flight_plan
 from skyrange.scenario.load import load_text
 from skyrange.scenario.placing import MARGIN_M, placed
 from skyrange.scenario.surroundings import build_city
+from skyrange.scenario.wire import wire
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
@@ -81,6 +83,47 @@ def _flies(scenario):
         assert city.clear_of(enu_points(plan), MARGIN_M - 0.01), vehicle.id
         assert estimated_duration_s(plan) < after.duration_s - 60
     assert load_text(to_toml(after)) == after
+
+
+@pytest.mark.parametrize("name", ["rid-spoofing", "rid-city"])
+def test_attacks_go_along_to_another_city(name):
+    if not STREETS.exists():
+        pytest.skip("the Upper East Side's buildings are not on this machine")
+    for buildings in (None, STREETS):
+        rig = wire(load(name, buildings=buildings))
+        for _, vehicle in rig.scenario.fleet:
+            path = enu_points(flight_plan(rig.scenario.origin.datum, vehicle))
+            assert rig.city.clear_of(path, MARGIN_M - 0.01), vehicle.id
+        for receiver in rig.scenario.radio.receivers:
+            assert rig.city.inside(*receiver.place) is None
+        if buildings is None:
+            assert rig.scenario.operators == placed(load(name), None).operators, "its own city asks for no shift"
+        if name == "rid-spoofing":
+            start = rig.scenario.operators[0].vehicles[0].start
+            assert rig.header["attacks"][0]["shown"] == {"red/r1 as claimed": [start.east_m, start.north_m + 290, 30.0]}
+
+
+def test_a_receiver_moves_out_of_a_building():
+    text = """
+origin = [40.778, -73.955]
+city.grid = {}
+[radio]
+receivers = [{ id = "one", operator = "o", place = [30, 30, 5], placing = "clear" }]
+[[operators]]
+id = "o"
+  [[operators.vehicles]]
+  plan.square = { side_m = 10, alt_m = 10 }
+"""
+    scenario = load_text(text)
+    city = build_city(scenario)
+    assert city.inside(30, 30, 5) is not None
+    [receiver] = placed(scenario, city).radio.receivers
+    assert receiver.placing == "exact"
+    assert city.inside(*receiver.place) is None
+    assert receiver.place[2] == 5
+    assert math.dist(receiver.place, (30, 30, 5)) < 60
+    with pytest.raises(InputError, match="expected a place outside buildings"):
+        wire(load_text(text.replace('"clear"', '"exact"')))
 
 
 def test_names_files_and_mistakes():

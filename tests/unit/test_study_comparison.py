@@ -41,6 +41,40 @@ def test_both_tracks_are_in_the_plan_with_the_attackers_places() -> None:
     assert "<1>" not in drawn
 
 
+def test_whose_identity_is_forged_is_on_the_map() -> None:
+    plain = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {}).svg
+    forged = {"a/2<b>": ((0.0, 10.0, 5.0), (200.0, 10.0, 5.0))}
+    drawn = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {"claimed": (200.0, 10.0, 5.0)}, (), forged).svg
+    assert "where it is said to be" in drawn
+    assert plain.count('class="home') == 1
+    assert drawn.count('class="home') == 2
+    assert "a/2&lt;b&gt;" in drawn
+
+
+def test_places_that_are_one_share_a_ring_and_a_swarm_goes_without_names() -> None:
+    places = {"radio": (10.0, 12.0, 2.0), "ghost": (10.0, 12.0, 10.0), "ghost 1": (19.0, 12.0, 10.0)}
+    drawn = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], places).svg
+    assert drawn.count('class="hostile"') == 2
+    assert "radio · ghost</text>" in drawn
+    assert "ghost 1</text>" not in drawn
+    assert "ghost 1: 19 m east" in drawn
+
+
+def cost(vehicle: str, delay_s: float | None, departed_s: float | None) -> dict[str, object]:
+    more = dict.fromkeys(("near_misses", "near_misses_twin", "collisions", "collisions_twin"), 1)
+    return {
+        "vehicle": vehicle, "delay_s": delay_s, "departed_s": departed_s, "extra_distance_m": 2.0,
+        "extra_energy_j": None, "outcome": "complete", "outcome_twin": "complete", **more,
+    }  # fmt: skip
+
+
+def test_operators_pay_for_all_their_aircraft() -> None:
+    table = effecttable.operators(SUBJECT, [cost("a/1", 3.0, 1.0), cost("a/2<b>", None, None)])
+    cells = [re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", table)]
+    assert cells == ["2", "1", "0", "+3.0\u202fs", "+4.0\u202fm", "0.00\u202fkJ", "2", "2"]
+    assert effecttable.operators(SUBJECT, [cost("a/1", 3.0, 1.0)]) == "", "one aircraft each says it all"
+
+
 def test_heights_and_departures_are_drawn_with_the_attacks_interval() -> None:
     spans = [(0.5, 1.5, "ghost")]
     heights = draw_twin_heights(SUBJECT, TRACKS, TWINS, ["a/1"], spans).svg

@@ -152,6 +152,8 @@ def make(params: Spoof, setting: Setting) -> Attack:
         stands_enu_m=(place[0], place[1], 0.0) if setting.sham else None,
     )
     shown = {"ghost" if params.form != "position" else f"{params.vehicle} as claimed": params.at}
+    if params.form == "swarm":
+        shown = {f"ghost {number}": claimed for number, claimed in enumerate(forger.places, start=1)}
     if params.via == "radio":
         agent = Broadcaster(setting.radio, Port(setting.radio, setting.up), forger)
         radio = transmitter(setting, place, params.power_dbm)

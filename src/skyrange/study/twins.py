@@ -120,7 +120,7 @@ def _home(subject: Subject, ground: Ground, name: str) -> str:
 
 
 def spots(ground: Ground, places: Mapping[str, Place]) -> str:
-    """The attackers' places: a ring each, with the names of all that are there."""
+    """The attackers' places: a ring each, with the names of all that are there but those that are numbers of many."""
     named: dict[tuple[int, int], list[str]] = {}
     for name, place in places.items():
         x, y = ground.pixels(np.array([place]))[0].tolist()
@@ -131,10 +131,11 @@ def spots(ground: Ground, places: Mapping[str, Place]) -> str:
 def _spot(ground: Ground, places: Mapping[str, Place]) -> str:
     x, y = ground.pixels(np.array(list(places.values())[:1]))[0].tolist()
     said = "; ".join(f"{name}: {e:.0f} m east, {n:.0f} m north, {up:.0f} m up" for name, (e, n, up) in places.items())
+    label = " · ".join(name for name in places if not name.rpartition(" ")[2].isdigit())
     return (
         f'<g class="hostile"><circle cx="{number(x)}" cy="{number(y)}" r="7" fill="#b3261e" fill-opacity=".16" '
         f'stroke="#b3261e" stroke-width="2"/><circle cx="{number(x)}" cy="{number(y)}" r="2" fill="#b3261e"/>'
-        f"<title>{escape(said)}</title></g>" + svg.text(x + 11, y + 4, " · ".join(places), "start", 11, _BOLD)
+        f"<title>{escape(said)}</title></g>" + svg.text(x + 11, y + 4, label, "start", 11, _BOLD)
     )
 
 
