@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -85,7 +85,7 @@ def truth_words(ticks: Sequence[TruthTick]) -> Words:
     words[:, 0] = np.repeat(
         np.array([tick.time_ns for tick in ticks], dtype=np.int64), [len(tick.vehicles) for tick in ticks]
     ).view(np.uint64)
-    words[:, 1] = np.concatenate([np.array([hash64(v) for v in t.vehicles], dtype=np.uint64) for t in ticks])
+    words[:, 1] = np.concatenate(_per_tick([tick.vehicles for tick in ticks], _hashes))
     words[:, 2] = hash64(DYNAMIC)
     words[:, 3] = hash64("\n".join(names))
     for place, name in enumerate(names):
@@ -103,10 +103,23 @@ def _times(ticks: Sequence[TruthTick] | Sequence[SensorTick]) -> pa.Array:
 
 
 def _vehicles(ticks: Sequence[TruthTick] | Sequence[SensorTick]) -> pa.Array:
-    names = list(dict.fromkeys(name for tick in ticks for name in tick.vehicles))
+    vehicles = [tick.vehicles for tick in ticks]
+    names = list(dict.fromkeys(name for flown in dict.fromkeys(vehicles) for name in flown))
     numbers = {name: number for number, name in enumerate(names)}
-    codes = np.array([numbers[name] for tick in ticks for name in tick.vehicles], dtype=np.int32)
+    codes = np.concatenate(_per_tick(vehicles, lambda flown: np.array([numbers[v] for v in flown], dtype=np.int32)))
     return pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(names, pa.string())).cast(_NAMES)
+
+
+def _hashes(vehicles: tuple[str, ...]) -> NDArray[np.uint64]:
+    return np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)
+
+
+def _per_tick(vehicles: Sequence[tuple[str, ...]], of: Callable[[tuple[str, ...]], NDArray[Any]]) -> list[NDArray[Any]]:
+    """What `of` makes of each tick's vehicles, asked once for those that follow each other unaltered: mostly all."""
+    found: list[NDArray[Any]] = []
+    for at, names in enumerate(vehicles):
+        found.append(found[-1] if at > 0 and names == vehicles[at - 1] else of(names))
+    return found
 
 
 def _constant(name: str, rows: int) -> pa.Array:

@@ -220,10 +220,10 @@ class BuiltinFleet:
 
     def _act_on_timers(self, now: Time) -> None:
         fleet = self._fleet
-        due = fleet.timers <= now
-        if not due.any():
+        if fleet.next_timer > now:
             return
-        for row, column in np.argwhere(due).tolist():
+        fleet.next_timer = NEVER  # what is set meanwhile counts; of the rest the soonest is found below
+        for row, column in np.argwhere(fleet.timers <= now).tolist():
             craft = fleet.crafts[row]
             if fleet.timers[row, column] <= now:  # an earlier one may have cleared it
                 fleet.timers[row, column] = NEVER
@@ -232,6 +232,7 @@ class BuiltinFleet:
                 _TIMERS[Timer(column)](fleet, craft)
                 if craft.paused:
                     pausing.settle(fleet, craft)
+        fleet.next_timer = min(fleet.next_timer, int(fleet.timers.min()))
 
 
 def _refuses(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:

@@ -209,6 +209,8 @@ class Fleet:
         self.zones: Records = np.zeros(len(crafts), dtype=ZONES)
         self.watch: Records = np.zeros(len(crafts), dtype=WATCH)
         self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
+        self.next_timer: Time = NEVER
+        """No timer runs out before."""
         self.now: Time = 0
         self.outbox = Outbox()
         count = len(crafts)
@@ -259,6 +261,7 @@ class Fleet:
     def timer(self, craft: Craft, timer: Timer, at: Time = NEVER) -> None:
         """Set a timer to a moment; NEVER clears it."""
         self.timers[craft.row, timer] = at
+        self.next_timer = min(self.next_timer, at)
 
     def param(self, craft: Craft, name: str) -> float:
         """A parameter's value in its own unit, inside its range."""
