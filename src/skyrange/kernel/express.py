@@ -2,7 +2,8 @@
 
 A lane starts an *express* when everything on the way is declared, untapped and steady: then all frames that leave at
 one instant keep the same times on every hop, and only their serials differ. Which lanes share one express is worked
-out from the wiring; all others take the way of single frames, and nobody can tell from the record which it was.
+out from the wiring; all others take the way of single frames, and nobody can tell from the record which it was. On a
+*staged* hop somebody speaks beside what is forwarded: there blocks wait for their time before they go on.
 """
 
 from __future__ import annotations
