@@ -8,22 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike, NDArray
 
 from skyrange.agent.payloads import Payloads
 from skyrange.codec import f3411_columns, rid_link
-from skyrange.codec.f3411 import BasicId, Location, MessagePack, MessageType, Single, decode, encode
+from skyrange.codec.f3411 import BasicId, Location, MessagePack, Single, decode, encode
+from skyrange.codec.f3411_columns import CODES, NUMBERS
 from skyrange.codec.rid_link import RidFrame, RidHeader
 from skyrange.core.errors import DecodeError
 from tests.property.test_f3411_roundtrip import MESSAGES, SINGLES, locations
-
-NUMBERS = (
-    "lat_deg", "lon_deg", "alt_geo_m", "alt_baro_m", "height_m", "speed_mps", "vertical_mps", "track_deg",
-    "timestamp_s",
-)  # fmt: skip
-CODES = (
-    "status", "height_type", "horizontal_accuracy", "vertical_accuracy", "baro_accuracy", "speed_accuracy",
-    "timestamp_accuracy",
-)  # fmt: skip
 
 BODIES = st.one_of(
     MESSAGES.map(encode),
@@ -46,7 +39,7 @@ def parts_of(body: bytes) -> tuple[Single, ...]:
 @settings(max_examples=200, deadline=None)
 def test_rows_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
     rows = f3411_columns.location_rows(Payloads.of(bodies))
-    assert f3411_columns.whole_rows(Payloads.of(bodies)).tolist() == [bool(parts_of(body)) for body in bodies]
+    assert rows.whole.tolist() == [bool(parts_of(body)) for body in bodies]
     for row, body in enumerate(bodies):
         parts = parts_of(body)
         location = next((part for part in parts if isinstance(part, Location)), None)
@@ -68,11 +61,9 @@ def test_rows_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
 @settings(max_examples=200, deadline=None)
 def test_columns_are_written_as_one_by_one(messages: list[Location]) -> None:
     messages = [message._replace(version=2) for message in messages]
-    columns = {
-        name: np.array([np.nan if getattr(m, name) is None else getattr(m, name) for m in messages]) for name in NUMBERS
-    }
-    codes = {name: np.array([getattr(m, name) for m in messages]) for name in CODES}
-    rows = f3411_columns.encode_locations(**columns, **codes)
+    numbers = np.array([[getattr(m, name) for m in messages] for name in NUMBERS], dtype=np.float64)  # None is NaN
+    codes = np.array([[getattr(m, name) for m in messages] for name in CODES], dtype=np.uint8)
+    rows = f3411_columns.encode_locations(numbers, codes)
     assert [row.tobytes() for row in rows] == [encode(message) for message in messages]
 
 
@@ -84,25 +75,42 @@ def test_packs_are_built_as_one_by_one(rows: list[tuple[Single, Single, Single]]
     assert list(f3411_columns.single_rows(parts[0])) == [encode(row[0]) for row in rows]
 
 
-def test_what_has_no_bytes_is_refused_in_columns_too() -> None:
-    here = np.array([40.0])
-    for bad in ({"speed_mps": -0.5}, {"track_deg": 361.0}, {"timestamp_s": 7000.0}, {"status": 16}, {"height_type": 2}):
-        with pytest.raises(ValueError, match=next(iter(bad))):
-            f3411_columns.encode_locations(**{"status": 2, "lat_deg": here, "lon_deg": here, "alt_geo_m": 0.0, **bad})
-    with pytest.raises(ValueError, match="lat_deg"):
-        f3411_columns.encode_locations(2, np.array([220.0]), here, 0.0)
-    with pytest.raises(ValueError, match="both unknown"):
-        f3411_columns.encode_locations(2, np.array([np.nan]), here, 0.0)
+def told(**given: ArrayLike) -> NDArray[np.uint8]:
+    """Location messages: 40° north and east, at the ellipsoid, nothing else known but what is given."""
+    fields = {"lat_deg": 40.0, "lon_deg": 40.0, "alt_geo_m": 0.0} | given
+    columns = np.broadcast_arrays(*fields.values())
+    numbers = np.full((len(NUMBERS), columns[0].size), np.nan)
+    codes = np.zeros((len(CODES), columns[0].size), dtype=np.uint8)
+    for name, column in zip(fields, columns, strict=True):
+        if name in NUMBERS:
+            numbers[NUMBERS.index(name)] = column
+        else:
+            codes[CODES.index(name)] = column
+    return f3411_columns.encode_locations(numbers, codes)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("speed_mps", -0.5), ("track_deg", 361.0), ("track_deg", -1.0), ("timestamp_s", 7000.0), ("timestamp_s", -1.0),
+        ("status", 16), ("height_type", 2), ("speed_accuracy", 16), ("lat_deg", 220.0), ("lon_deg", math.inf),
+        ("lat_deg", math.nan), ("lon_deg", math.nan),
+    ],
+)  # fmt: skip
+def test_what_has_no_bytes_is_refused_in_columns_too(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        told(**{name: value})
+
+
+def test_a_pack_has_one_to_nine_messages() -> None:
     with pytest.raises(ValueError, match="1…9"):
         f3411_columns.pack_rows([np.zeros((1, 25), dtype=np.uint8)] * 10)
 
 
 def test_saturation_and_unknowns_in_columns() -> None:
-    here = np.full(3, 40.0)
-    rows = f3411_columns.encode_locations(
-        2, here, here, np.array([-5000.0, np.nan, 1e6]), speed_mps=np.array([np.inf, np.nan, 254.2]),
-        vertical_mps=np.array([-100.0, np.nan, np.inf]),
-    )  # fmt: skip
+    rows = told(
+        alt_geo_m=[-5000.0, np.nan, 1e6], speed_mps=[np.inf, np.nan, 254.2], vertical_mps=[-100.0, np.nan, np.inf]
+    )
     columns = f3411_columns.location_rows(f3411_columns.single_rows(rows))
     np.testing.assert_array_equal(columns.alt_geo_m, [-999.5, np.nan, 31767.5])
     np.testing.assert_array_equal(columns.speed_mps, [254.25, np.nan, 254.25])
@@ -158,5 +166,5 @@ def test_broken_link_payloads_are_marked_and_the_others_read(payloads: list[byte
 def test_a_pack_within_a_pack_is_not_looked_into() -> None:
     inner = bytes([0xF2]) + encode(BasicId(1, 2, "A"))[1:]
     body = bytes([0xF2, 25, 2]) + inner + encode(BasicId(1, 2, "B"))
-    places = f3411_columns.places_of(Payloads.of([body]), MessageType.BASIC_ID)
-    assert places.tolist() == [28]
+    rows = f3411_columns.location_rows(Payloads.of([body]))
+    assert rows.uas_id.tolist() == [b"B"]

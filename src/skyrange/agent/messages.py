@@ -17,6 +17,9 @@ from skyrange.agent.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
+_SERIAL_BITS = 40
+"""More frames than that no sender sends: a million a second for twelve days."""
+
 Scalar = str | int | float | bool | None
 
 
@@ -170,7 +173,7 @@ class Inbox(Sequence[Arrival]):
             lane = np.concatenate([np.array(numbers, dtype=np.int64), *(block.lane for block in self._blocks)])
             serial = np.concatenate([rows[:, 0], *(block.serial for block in self._blocks)])
             at = np.concatenate([rows[:, 1], *(np.full(len(block), block.arrived_ns) for block in self._blocks)])
-            return np.lexsort((serial, lane, at))
+            return np.lexsort((lane << _SERIAL_BITS | serial, at))
         keys = [_key(arrival) for arrival in self._singles]  # a tap's frames among them: it has no lane
         for block in self._blocks:
             for row in range(len(block)):

@@ -5,55 +5,67 @@ The same bytes and numbers as `codec.f3411`, one by one; tests hold the two agai
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints, Payloads
+from skyrange.agent.payloads import Bytes, Ints, Payloads
 from skyrange.codec.f3411 import PACK_MOST, PROTOCOL_VERSION, SIZE, MessageType, values
 from skyrange.codec.f3411.encode import PACK_HEADER
+from skyrange.core.compiled import kernel
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.uint8]
+Flags = NDArray[np.bool_]
 Bodies = NDArray[np.uint8]
 """(n, 25): one message per row."""
 
-_LOCATION: Final = np.dtype(
-    [
-        ("kind", "u1"), ("flags", "u1"), ("track", "u1"), ("speed", "u1"), ("vertical", "i1"), ("lat", "<i4"),
-        ("lon", "<i4"), ("baro", "<u2"), ("geo", "<u2"), ("height", "<u2"), ("place_accuracy", "u1"),
-        ("other_accuracy", "u1"), ("time", "<u2"), ("time_accuracy", "u1"), ("last", "u1"),
-    ]
+NUMBERS: Final = (
+    "lat_deg", "lon_deg", "alt_geo_m", "alt_baro_m", "height_m", "speed_mps", "vertical_mps", "track_deg",
+    "timestamp_s",
 )  # fmt: skip
-assert _LOCATION.itemsize == SIZE
+"""The fields of a Location that are floats, in the order of their rows."""
+CODES: Final = (
+    "status", "height_type", "horizontal_accuracy", "vertical_accuracy", "baro_accuracy", "speed_accuracy",
+    "timestamp_accuracy",
+)  # fmt: skip
+"""Those that are codes."""
+_LOCATION: Final = int(MessageType.LOCATION)
+_BASIC_ID: Final = int(MessageType.BASIC_ID)
+_PACK: Final = int(MessageType.MESSAGE_PACK)
+_SPEED_UNKNOWN: Final = values.SPEED_UNKNOWN[0]
+_TRACK_UNKNOWN: Final = values.TRACK_UNKNOWN[0]
 
 
 class LocationColumns(NamedTuple):
     """What many broadcasts say of where and who: one row per body, in their order, fields as in `f3411.Location`."""
 
-    found: NDArray[np.bool_]
+    whole: Flags
+    """(n,) whether `f3411.decode` would accept the body."""
+    found: Flags
     """(n,) whether there is a Location in the body; where not, floats are NaN and codes 0."""
-    status: Codes
     lat_deg: Floats
     lon_deg: Floats
     alt_geo_m: Floats
     """Above the WGS 84 ellipsoid."""
     alt_baro_m: Floats
     height_m: Floats
-    height_type: Codes
     speed_mps: Floats
     vertical_mps: Floats
     track_deg: Floats
+    timestamp_s: Floats
+    """Since the full hour."""
+    status: Codes
+    height_type: Codes
     horizontal_accuracy: Codes
     vertical_accuracy: Codes
     baro_accuracy: Codes
     speed_accuracy: Codes
     timestamp_accuracy: Codes
-    timestamp_s: Floats
-    """Since the full hour."""
-    has_id: NDArray[np.bool_]
+    has_id: Flags
     """(n,) whether there is a Basic ID in the body."""
     id_type: Codes
     ua_type: Codes
@@ -61,170 +73,181 @@ class LocationColumns(NamedTuple):
     """(n,) S20, the first Basic ID's; b"" where there is none."""
 
 
-def places_of(bodies: Payloads, message_type: int) -> Ints:
-    """(n,) where in `bodies.data` each body's first message of a type begins; -1 where it holds none.
-
-    A body that `f3411.decode` refuses holds none.
-    """
-    data, starts, sizes = bodies.data, bodies.starts, bodies.sizes
-    found = np.full(len(bodies), -1, dtype=np.int64)
-    lone = np.flatnonzero(sizes == SIZE)
-    lone = lone[data[starts[lone]] >> 4 == message_type]
-    if message_type != MessageType.MESSAGE_PACK:
-        found[lone] = starts[lone]
-    packs, at, counts = _packs(bodies)
-    for place in range(int(counts.max(initial=0)) - 1, -1, -1):  # backwards, so that the first one stays
-        inside = counts > place
-        here = at[inside] + SIZE * place
-        right = data[here] >> 4 == message_type
-        found[packs[inside][right]] = here[right]
-    return found
-
-
-def _packs(bodies: Payloads) -> tuple[Ints, Ints, Ints]:
-    """Which bodies are whole packs, where each one's first message begins in `bodies.data`, and how many it has."""
-    data, starts, sizes = bodies.data, bodies.starts, bodies.sizes
-    packs = np.flatnonzero(sizes >= PACK_HEADER + SIZE)
-    at = starts[packs]
-    counts = data[at + 2].astype(np.int64)
-    whole = (data[at] >> 4 == MessageType.MESSAGE_PACK) & (data[at + 1] == SIZE) & (counts <= PACK_MOST)
-    whole &= sizes[packs] == PACK_HEADER + SIZE * counts
-    return packs[whole], at[whole] + PACK_HEADER, counts[whole]
+@kernel
+def _find(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, named: Ints) -> None:
+    """Where each body's first Location and first Basic ID begin in `data`; -1 where it has none or is not whole."""
+    for row in range(starts.shape[0]):
+        start, size = starts[row], sizes[row]
+        whole[row], located[row], named[row] = False, -1, -1
+        first, count = int(start), 0
+        if size == SIZE and data[start] >> 4 != _PACK:
+            count = 1
+        elif size >= PACK_HEADER + SIZE and data[start] >> 4 == _PACK and data[start + 1] == SIZE:
+            told = int(data[start + 2])
+            if told <= PACK_MOST and size == PACK_HEADER + SIZE * told:
+                first, count = start + PACK_HEADER, told
+        whole[row] = count > 0
+        for place in range(count - 1, -1, -1):  # backwards, so that the first one stays
+            at = first + SIZE * place
+            kind = data[at] >> 4
+            if kind == _LOCATION:
+                located[row] = at
+            elif kind == _BASIC_ID:
+                named[row] = at
 
 
-def whole_rows(bodies: Payloads) -> NDArray[np.bool_]:
-    """(n,) whether `f3411.decode` would accept the body."""
-    whole = np.zeros(len(bodies), dtype=np.bool_)
-    lone = np.flatnonzero(bodies.sizes == SIZE)
-    whole[lone] = bodies.data[bodies.starts[lone]] >> 4 != MessageType.MESSAGE_PACK
-    whole[_packs(bodies)[0]] = True
-    return whole
+@kernel
+def _word(data: Bytes, at: int, size: int) -> int:
+    """An unsigned number, little-endian."""
+    word = 0
+    for place in range(size):
+        word |= int(data[at + place]) << (8 * place)
+    return word
 
 
-def bodies_at(bodies: Payloads, places: Ints) -> Bodies:
-    """(n, 25) the messages at `places` (from `places_of`); zeros where it is -1."""
-    raw = np.zeros((len(places), SIZE), dtype=np.uint8)
-    there = np.flatnonzero(places >= 0)
-    raw[there] = bodies.data[places[there, None] + np.arange(SIZE)]
-    return raw
+@kernel
+def _altitude(raw: int) -> float:
+    return raw * values.ALTITUDE_STEP_M + values.ALTITUDE_LEAST_M if raw != 0 else math.nan
+
+
+@kernel
+def _read(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes: Codes, names: Bytes) -> None:
+    """Fill `numbers`, `codes` (their rows as `NUMBERS` and `CODES` have them, then both types of an id) and `names`."""
+    for row in range(located.shape[0]):
+        numbers[:, row] = math.nan
+        codes[:, row] = 0
+        at = located[row]
+        if at >= 0:
+            flags, speed = data[at + 1], np.int64(data[at + 3])
+            fast, west = (flags & 1) == 1, (flags >> 1 & 1) == 1
+            lat, lon = _word(data, at + 5, 4), _word(data, at + 9, 4)
+            if lat != 0 or lon != 0:
+                numbers[0, row] = (lat - (lat >> 31 << 32)) / values.DEGREES
+                numbers[1, row] = (lon - (lon >> 31 << 32)) / values.DEGREES
+            numbers[2, row] = _altitude(_word(data, at + 15, 2))
+            numbers[3, row] = _altitude(_word(data, at + 13, 2))
+            numbers[4, row] = _altitude(_word(data, at + 17, 2))
+            if not fast:
+                numbers[5, row] = speed * values.SPEED_STEP_MPS
+            elif speed != _SPEED_UNKNOWN:
+                numbers[5, row] = speed * values.SPEED_FAST_STEP_MPS + values.SPEED_KNEE_MPS
+            climb = np.int64(data[at + 4])
+            if climb != values.VERTICAL_UNKNOWN:
+                numbers[6, row] = (climb - (climb >> 7 << 8)) * values.VERTICAL_STEP_MPS
+            track = np.int64(data[at + 2])
+            if not (west and track == _TRACK_UNKNOWN):
+                degrees = track + (180 if west else 0)
+                numbers[7, row] = degrees if degrees != 360 else 0
+            time = _word(data, at + 21, 2)
+            if time != values.TIME_UNKNOWN:
+                numbers[8, row] = time / values.TIME_STEPS_PER_S
+            codes[0, row], codes[1, row] = flags >> 4, flags >> 2 & 1
+            codes[2, row], codes[3, row] = data[at + 19] & 15, data[at + 19] >> 4
+            codes[4, row], codes[5, row] = data[at + 20] >> 4, data[at + 20] & 15
+            codes[6, row] = data[at + 23] & 15
+        at = named[row]
+        for place in range(20):
+            names[row, place] = data[at + 2 + place] if at >= 0 else 0
+        if at >= 0:
+            codes[7, row], codes[8, row] = data[at + 1] >> 4, data[at + 1] & 15
 
 
 def location_rows(bodies: Payloads) -> LocationColumns:
     """The Location and the first Basic ID of each body, a message or a pack; a bad body has neither."""
-    places = places_of(bodies, MessageType.LOCATION)
-    found = places >= 0
-    raw: Any = bodies_at(bodies, places).view(_LOCATION)[:, 0]
-    flags, speed, track = raw["flags"], raw["speed"], raw["track"].astype(np.float64)
-    fast, west = flags & 1, flags >> 1 & 1
-    nowhere = ~found
-    no_place = nowhere | ((raw["lat"] == 0) & (raw["lon"] == 0))
-    degrees = track + 180.0 * west
-    degrees[degrees == 360.0] = 0.0
-    mps = np.where(fast, speed * values.SPEED_FAST_STEP_MPS + values.SPEED_KNEE_MPS, speed * values.SPEED_STEP_MPS)
-    ids = places_of(bodies, MessageType.BASIC_ID)
-    names: Any = bodies_at(bodies, ids)
-    return LocationColumns(
-        found=found,
-        status=flags >> 4,
-        lat_deg=_known(raw["lat"] / values.DEGREES, no_place),
-        lon_deg=_known(raw["lon"] / values.DEGREES, no_place),
-        alt_geo_m=_altitude(raw["geo"]),
-        alt_baro_m=_altitude(raw["baro"]),
-        height_m=_altitude(raw["height"]),
-        height_type=flags >> 2 & 1,
-        speed_mps=_known(mps, nowhere | ((speed == 255) & (fast == 1))),
-        vertical_mps=_known(
-            raw["vertical"] * values.VERTICAL_STEP_MPS, nowhere | (raw["vertical"] == values.VERTICAL_UNKNOWN)
-        ),
-        track_deg=_known(degrees, nowhere | ((track == values.TRACK_UNKNOWN[0]) & (west == 1))),
-        horizontal_accuracy=raw["place_accuracy"] & 15,
-        vertical_accuracy=raw["place_accuracy"] >> 4,
-        baro_accuracy=raw["other_accuracy"] >> 4,
-        speed_accuracy=raw["other_accuracy"] & 15,
-        timestamp_accuracy=raw["time_accuracy"] & 15,
-        timestamp_s=_known(raw["time"] / values.TIME_STEPS_PER_S, nowhere | (raw["time"] == values.TIME_UNKNOWN)),
-        has_id=ids >= 0,
-        id_type=names[:, 1] >> 4,
-        ua_type=names[:, 1] & 15,
-        uas_id=np.ascontiguousarray(names[:, 2:22]).view("S20")[:, 0],
-    )
+    count = len(bodies)
+    whole = np.empty(count, dtype=np.bool_)
+    located, named = np.empty((2, count), dtype=np.int64)
+    _find(bodies.data, bodies.starts, bodies.sizes, whole, located, named)
+    numbers, codes = np.empty((9, count)), np.empty((9, count), dtype=np.uint8)
+    names = np.empty((count, 20), dtype=np.uint8)
+    _read(bodies.data, located, named, numbers, codes, names)
+    texts = names.view("S20")[:, 0]
+    return LocationColumns._make((whole, located >= 0, *numbers, *codes[:7], named >= 0, *codes[7:], texts))
 
 
-def _known(numbers: Floats, unknown: NDArray[np.bool_]) -> Floats:
-    numbers[unknown] = np.nan
-    return numbers
+@kernel
+def _steps(metres: float) -> int:
+    """An altitude's 16 bits: saturating, 0 for unknown."""
+    if math.isnan(metres):
+        return 0
+    least, most = values.ALTITUDE_LEAST_M + values.ALTITUDE_STEP_M, values.ALTITUDE_MAX_M
+    held: float = min(max(metres, least), most) - values.ALTITUDE_LEAST_M
+    return int(np.rint(held / values.ALTITUDE_STEP_M))
 
 
-def _altitude(raw: Any) -> Floats:
-    """Metres of (n,) 16-bit altitudes."""
-    return _known(raw * values.ALTITUDE_STEP_M + values.ALTITUDE_LEAST_M, raw == 0)
+@kernel
+def _put(out: Bodies, row: int, at: int, size: int, number: int) -> None:
+    for place in range(size):
+        out[row, at + place] = number >> (8 * place) & 0xFF
 
 
-def encode_locations(
-    status: ArrayLike, lat_deg: ArrayLike, lon_deg: ArrayLike, alt_geo_m: ArrayLike, *,
-    alt_baro_m: ArrayLike = np.nan, height_m: ArrayLike = np.nan, height_type: ArrayLike = 0,
-    speed_mps: ArrayLike = np.nan, vertical_mps: ArrayLike = np.nan, track_deg: ArrayLike = np.nan,
-    horizontal_accuracy: ArrayLike = 0, vertical_accuracy: ArrayLike = 0, baro_accuracy: ArrayLike = 0,
-    speed_accuracy: ArrayLike = 0, timestamp_accuracy: ArrayLike = 0, timestamp_s: ArrayLike = np.nan,
-) -> Bodies:  # fmt: skip
-    """(n, 25) Location messages; n is the length of `lat_deg`, the others are one value or n. NaN is unknown.
+@kernel
+def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
+    """Fill the messages; returns the number of a column (first `numbers`, then `codes`) that has no bytes, or -1."""
+    for row in range(numbers.shape[1]):
+        for column in range(codes.shape[0]):
+            if codes[column, row] > (1 if column == 1 else 15):
+                return len(NUMBERS) + column
+        lat, lon, speed, climb = numbers[0, row], numbers[1, row], numbers[5, row], numbers[6, row]
+        track, time = numbers[7, row], numbers[8, row]
+        out[row] = 0
+        out[row, 0] = _LOCATION << 4 | PROTOCOL_VERSION
+        if not math.isnan(lat) or not math.isnan(lon):
+            lat, lon = np.rint(lat * values.DEGREES), np.rint(lon * values.DEGREES)
+            if not -(2.0**31) <= lat < 2.0**31:
+                return 0
+            if not -(2.0**31) <= lon < 2.0**31:
+                return 1
+            _put(out, row, 5, 4, int(lat))
+            _put(out, row, 9, 4, int(lon))
+        _put(out, row, 13, 2, _steps(numbers[3, row]))
+        _put(out, row, 15, 2, _steps(numbers[2, row]))
+        _put(out, row, 17, 2, _steps(numbers[4, row]))
+        if speed < 0.0:
+            return 5
+        fast = not speed <= values.SPEED_KNEE_MPS  # unknown counts as fast: 255 with the multiplier
+        if not fast:
+            out[row, 3] = int(np.rint(speed / values.SPEED_STEP_MPS))
+        elif math.isnan(speed):
+            out[row, 3] = _SPEED_UNKNOWN
+        else:
+            held = min(speed, values.SPEED_MAX_MPS) - values.SPEED_KNEE_MPS
+            out[row, 3] = int(np.rint(held / values.SPEED_FAST_STEP_MPS))
+        steps = values.VERTICAL_UNKNOWN
+        if not math.isnan(climb):
+            held = min(max(climb, -values.VERTICAL_MAX_MPS), values.VERTICAL_MAX_MPS)
+            steps = int(np.rint(held / values.VERTICAL_STEP_MPS))
+        out[row, 4] = steps & 0xFF
+        if track < 0.0 or track > 360.0:
+            return 7
+        degrees = 361 if math.isnan(track) else int(np.rint(track)) % 360
+        west = degrees >= 180
+        out[row, 2] = degrees - 180 if west else degrees
+        tenths = values.TIME_UNKNOWN
+        if not math.isnan(time):
+            rounded = np.rint(time * values.TIME_STEPS_PER_S)
+            if not 0.0 <= rounded < values.TIME_UNKNOWN:
+                return 8
+            tenths = int(rounded)
+        _put(out, row, 21, 2, tenths)
+        out[row, 1] = codes[0, row] << 4 | codes[1, row] << 2 | (2 if west else 0) | (1 if fast else 0)
+        out[row, 19] = codes[3, row] << 4 | codes[2, row]
+        out[row, 20] = codes[4, row] << 4 | codes[5, row]
+        out[row, 23] = codes[6, row]
+    return -1
 
-    As `f3411.encode`, it saturates speeds and altitudes; a place, track, time or code without bytes is `ValueError`.
+
+def encode_locations(numbers: Floats, codes: Codes) -> Bodies:
+    """(n, 25) Location messages of (9, n) numbers and (7, n) codes, in the order of `NUMBERS` and `CODES`.
+
+    NaN is unknown. As `f3411.encode`, it saturates speeds and altitudes; a place, track, time or code without bytes
+    is `ValueError`.
     """
-    lat, lon = np.asarray(lat_deg, dtype=np.float64), np.asarray(lon_deg, dtype=np.float64)
-    rows: NDArray[Any] = np.zeros(len(lat), dtype=_LOCATION)
-    rows["kind"] = MessageType.LOCATION << 4 | PROTOCOL_VERSION
-    if (np.isnan(lat) != np.isnan(lon)).any():
-        raise ValueError("lat_deg and lon_deg: both unknown or neither")
-    rows["lat"] = _fitting(np.rint(np.nan_to_num(lat) * values.DEGREES), -(2**31), 2**31 - 1, "lat_deg")
-    rows["lon"] = _fitting(np.rint(np.nan_to_num(lon) * values.DEGREES), -(2**31), 2**31 - 1, "lon_deg")
-    for name, altitude in (("geo", alt_geo_m), ("baro", alt_baro_m), ("height", height_m)):
-        rows[name] = _altitude_bytes(altitude)
-    speed = np.asarray(speed_mps, dtype=np.float64)
-    _fitting(np.nan_to_num(speed, nan=0.0), 0.0, np.inf, "speed_mps")
-    fast = ~(speed <= values.SPEED_KNEE_MPS)  # unknown counts as fast: 255 with the multiplier
-    slow_steps = np.rint(np.where(fast, 0.0, speed) / values.SPEED_STEP_MPS)
-    fast_steps = np.rint((np.minimum(speed, values.SPEED_MAX_MPS) - values.SPEED_KNEE_MPS) / values.SPEED_FAST_STEP_MPS)
-    rows["speed"] = np.where(fast, np.nan_to_num(fast_steps, nan=255.0), slow_steps)
-    vertical = np.clip(np.asarray(vertical_mps, dtype=np.float64), -values.VERTICAL_MAX_MPS, values.VERTICAL_MAX_MPS)
-    rows["vertical"] = np.nan_to_num(np.rint(vertical / values.VERTICAL_STEP_MPS), nan=values.VERTICAL_UNKNOWN)
-    track = np.asarray(track_deg, dtype=np.float64)
-    _fitting(np.nan_to_num(track), 0.0, 360.0, "track_deg")
-    degrees = np.where(np.isnan(track), 361.0, np.rint(track) % 360.0)
-    west = degrees >= 180.0
-    rows["track"] = degrees - 180.0 * west
-    time = np.rint(np.asarray(timestamp_s, dtype=np.float64) * values.TIME_STEPS_PER_S)
-    _fitting(np.nan_to_num(time), 0, values.TIME_UNKNOWN - 1, "timestamp_s")
-    rows["time"] = np.nan_to_num(time, nan=values.TIME_UNKNOWN)
-    rows["flags"] = _code(status, 15, "status") << 4 | _code(height_type, 1, "height_type") << 2 | west << 1 | fast
-    rows["place_accuracy"] = _nibbles(vertical_accuracy, horizontal_accuracy, "vertical or horizontal accuracy")
-    rows["other_accuracy"] = _nibbles(baro_accuracy, speed_accuracy, "baro or speed accuracy")
-    rows["time_accuracy"] = _code(timestamp_accuracy, 15, "timestamp_accuracy")
-    return rows.view(np.uint8).reshape(len(rows), SIZE)
-
-
-def _altitude_bytes(altitude_m: ArrayLike) -> Floats:
-    altitude = np.asarray(altitude_m, dtype=np.float64)
-    held = np.clip(altitude, values.ALTITUDE_LEAST_M + values.ALTITUDE_STEP_M, values.ALTITUDE_MAX_M)
-    steps = np.rint((held - values.ALTITUDE_LEAST_M) / values.ALTITUDE_STEP_M)
-    return np.nan_to_num(steps, nan=0.0)
-
-
-def _fitting(numbers: Floats, least: float, most: float, what: str) -> Floats:
-    if ((numbers < least) | (numbers > most)).any():
-        raise ValueError(f"{what}: a value without bytes, expected {least:g}…{most:g} (in the standard's steps)")
-    return numbers
-
-
-def _code(code: ArrayLike, most: int, what: str) -> Ints:
-    codes = np.asarray(code, dtype=np.int64)
-    if ((codes < 0) | (codes > most)).any():
-        raise ValueError(f"{what}: 0…{most}")
-    return codes
-
-
-def _nibbles(high: ArrayLike, low: ArrayLike, what: str) -> Ints:
-    return _code(high, 15, what) << 4 | _code(low, 15, what)
+    out = np.empty((numbers.shape[1], SIZE), dtype=np.uint8)
+    wrong = _write(numbers, codes, out)
+    if wrong >= 0:
+        raise ValueError(f"{(*NUMBERS, *CODES)[wrong]}: a value without bytes in a Location")
+    return out
 
 
 def rows_of(bodies: Sequence[bytes]) -> Bodies:

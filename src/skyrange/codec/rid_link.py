@@ -59,6 +59,10 @@ class Transport(IntEnum):
     WIFI_NAN = 4
 
 
+_FIRST: Final = int(min(Transport))
+_LAST: Final = int(max(Transport))
+
+
 class RidHeader(NamedTuple):
     """The header's fields, in its units."""
 
@@ -99,7 +103,7 @@ def unpack(payload: bytes) -> RidFrame:
     magic, transport, channel, counter, address, rssi_cdbm, size, _, time_ns = _HEADER.unpack_from(payload)
     if magic != MAGIC:
         raise DecodeError(f"first byte 0x{magic:02x}, expected 0x{MAGIC:02x}")
-    if not Transport.BT4 <= transport <= Transport.WIFI_NAN:
+    if not _FIRST <= transport <= _LAST:
         raise DecodeError(f"transport {transport}, expected 1…4")
     if size != len(payload) - HEADER:
         raise DecodeError(f"a body of {len(payload) - HEADER} bytes, but the header announces {size}")
@@ -156,23 +160,30 @@ def pack_rows(
     return Payloads(out, places, sizes)
 
 
+@kernel
+def _heads(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, good: NDArray[np.bool_], bodies: Ints) -> None:
+    """Copy the headers that are good (n, 24), and tell (2, n) where the bodies begin and how long they are."""
+    for row in range(starts.shape[0]):
+        at, size = starts[row], sizes[row]
+        good[row] = (
+            size >= HEADER
+            and data[at] == MAGIC
+            and _FIRST <= data[at + 1] <= _LAST
+            and np.int64(data[at + 12]) | np.int64(data[at + 13]) << 8 == size - HEADER
+        )
+        bodies[0, row], bodies[1, row] = (at + HEADER, size - HEADER) if good[row] else (at, 0)
+        for offset in range(HEADER):
+            heads[row, offset] = data[at + offset] if good[row] else 0
+
+
 def read_rows(payloads: Payloads) -> RidColumns:
     """`unpack` for every payload; a bad one is marked, and the others are not held up."""
     count = len(payloads)
-    rows: NDArray[Any] = np.zeros(count, dtype=_ROW)
-    whole = np.flatnonzero(payloads.sizes >= HEADER)
-    raw = payloads.data[payloads.starts[whole, None] + np.arange(HEADER)]
-    rows[whole] = np.ascontiguousarray(raw).view(_ROW)[:, 0]
-    good = (
-        (rows["magic"] == MAGIC)
-        & (rows["transport"] >= Transport.BT4)
-        & (rows["transport"] <= Transport.WIFI_NAN)
-        & (rows["size"] == payloads.sizes - HEADER)
-    )
-    rows[~good] = np.zeros((), dtype=_ROW)
-    starts = np.where(good, payloads.starts + HEADER, payloads.starts)
-    bodies = Payloads(payloads.data, starts, rows["size"].astype(np.int64))
+    heads, good = np.empty((count, HEADER), dtype=np.uint8), np.empty(count, dtype=np.bool_)
+    bodies = np.empty((2, count), dtype=np.int64)
+    _heads(payloads.data, payloads.starts, payloads.sizes, heads, good, bodies)
+    rows: NDArray[Any] = heads.view(_ROW)[:, 0]
     return RidColumns(
         good, rows["transport"], rows["channel"], rows["counter"], rows["address"], rows["rssi_cdbm"],
-        rows["time_ns"], bodies,
+        rows["time_ns"], Payloads(payloads.data, bodies[0], bodies[1]),
     )  # fmt: skip

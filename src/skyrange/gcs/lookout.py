@@ -15,7 +15,7 @@ from skyrange.agent.messages import Inbox, Outbox, Scalar
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.agent.refs import RefBook
 from skyrange.codec import rid_link
-from skyrange.codec.f3411_columns import location_rows, whole_rows
+from skyrange.codec.f3411_columns import location_rows
 from skyrange.codec.rid_link import Transport
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
@@ -90,8 +90,9 @@ class Lookout:
             return
         rid = rid_link.read_rows(Payloads.of(frames))
         receiver, at_ns, ref, serial_of = np.array(rows, dtype=np.int64).T
-        self.bad_bodies += int(np.count_nonzero(~whole_rows(rid.bodies)))
-        self.tracks.update(Heard(receiver, at_ns, rid, location_rows(rid.bodies), ref, serial_of))
+        said = location_rows(rid.bodies)
+        self.bad_bodies += int(np.count_nonzero(~said.whole))
+        self.tracks.update(Heard(receiver, at_ns, rid, said, ref, serial_of))
         if self.due == NEVER:
             self.due = now - now % LOOK_NS + LOOK_NS
 

@@ -89,6 +89,9 @@ class Onward:
         return Onward(self.sent, self.stop, self.starts[keep], self.block, self.rows[keep])
 
 
+_NONE = np.zeros(0, dtype=np.int64)
+
+
 class Express:
     """The lanes of a kernel by number, and the ways that blocks take over them."""
 
@@ -101,6 +104,9 @@ class Express:
         """Lane number → its express, -1 for none."""
         self.boxes: list[Mailbox] = []
         self.box_of = np.full(len(lanes), -1, dtype=np.int64)
+        self._names: Sequence[tuple[str, str, str]] = ()
+        self._named = _NONE
+        """The lane of each name of the last book of parents, -1 for none."""
         self._stops: list[_Stop] = []
         known: dict[Any, int] = {}
         numbers: dict[str, int] = {}
@@ -122,9 +128,14 @@ class Express:
 
     def lanes_of(self, parents: Parents) -> Ints:
         """(n,) the lane's number of each parent, -1 where no lane's own source sent it."""
-        met, place = np.unique(parents.numbers, return_inverse=True)
-        known = [self.lanes.numbers.get(parents.names[number], -1) for number in met.tolist()]
-        return np.array(known, dtype=np.int64)[place]
+        names, known = parents.names, self._named
+        if names is not self._names:  # another agent's book
+            self._names, known = names, _NONE
+        if len(known) < len(names):  # a book only grows
+            numbers = [self.lanes.numbers.get(name, -1) for name in names[len(known) :]]
+            known = np.concatenate([known, np.array(numbers, dtype=np.int64)])
+        self._named = known
+        return known[parents.numbers]
 
     def fly(
         self,

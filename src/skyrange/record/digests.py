@@ -19,6 +19,7 @@ from skyrange.core.compiled import kernel
 Words = NDArray[np.uint64]
 
 _MODULUS = 1 << 128
+_8, _16, _24, _32, _40, _48, _56 = (np.uint64(bits) for bits in range(8, 57, 8))
 _30, _27, _31, _33 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(33)
 # One lane mixes as SplitMix64 does (Steele, Lea & Flood, OOPSLA 2014, doi 10.1145/2660193.2660195, with the constants
 # of Stafford's variant 13), the other by MurmurHash3's fmix64 (Appleby, public domain).
@@ -72,11 +73,18 @@ def hash_bytes(data: NDArray[np.uint8], start: int, size: int) -> tuple[np.uint6
     b = _F1 + np.uint64(size)
     at = start
     end = start + size
-    while at < end:
-        word = np.uint64(0)
-        for place in range(min(8, end - at)):
-            word |= np.uint64(data[at + place]) << np.uint64(8 * place)
+    while at + 8 <= end:  # written out, so that it becomes one load
+        word = (
+            np.uint64(data[at]) | np.uint64(data[at + 1]) << _8 | np.uint64(data[at + 2]) << _16
+            | np.uint64(data[at + 3]) << _24 | np.uint64(data[at + 4]) << _32 | np.uint64(data[at + 5]) << _40
+            | np.uint64(data[at + 6]) << _48 | np.uint64(data[at + 7]) << _56
+        )  # fmt: skip
         at += 8
+        a, b = _mixed(a, b, word)
+    if at < end:
+        word = np.uint64(0)
+        for place in range(end - at):
+            word |= np.uint64(data[at + place]) << np.uint64(8 * place)
         a, b = _mixed(a, b, word)
     return a, b
 

@@ -6,7 +6,7 @@ some. Per-frame work is a few list comprehensions for those, and none for blocks
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from operator import attrgetter
 from typing import NamedTuple, cast
@@ -111,17 +111,17 @@ class FrameEncoder:
         numbered: dict[int, tuple[int, Ints, Words]] = {}
         causes: dict[int, list[str]] = {}
         rows = 0
-        for single, run in groupby(seen, _is_single):
-            if single:
-                frames = cast("list[Frame]", list(run))
-                if any(map(_CAUSES, frames)):
-                    causes |= {rows + row: [str(c) for c in f.causes] for row, f in enumerate(frames) if f.causes}
-                gathered.append(self._singles(frames))
-                rows += len(frames)
+        for lanes, run in groupby(seen, _lanes_of):
+            if lanes is not None:
+                blocks = cast("list[FrameBlock]", list(run))
+                gathered.append(self._blocks(blocks, numbered))
+                rows += sum(map(len, blocks))
                 continue
-            for block in cast("Iterator[FrameBlock]", run):
-                gathered.append(self._block(block, numbered))
-                rows += len(block)
+            frames = cast("list[Frame]", list(run))
+            if any(map(_CAUSES, frames)):
+                causes |= {rows + row: [str(c) for c in f.causes] for row, f in enumerate(frames) if f.causes}
+            gathered.append(self._singles(frames))
+            rows += len(frames)
         self._learn()
         table = _Columns(*map(np.concatenate, zip(*gathered, strict=True)))
 
@@ -184,9 +184,28 @@ class FrameEncoder:
             parent_serial=np.fromiter([-1 if p is None else p[3] for p in parents], np.int64, rows),
         )
 
-    def _block(self, block: FrameBlock, numbered: dict[int, tuple[int, Ints, Words]]) -> _Columns:
+    def _blocks(self, blocks: Sequence[FrameBlock], numbered: dict[int, tuple[int, Ints, Words]]) -> _Columns:
         """`numbered` keeps what the hops of one block share: window, ids and hashes by the column of payloads."""
-        rows = len(block)
+        carried = [self._carried(block, numbered) for block in blocks]
+        rows = np.array([len(block) for block in blocks])
+        lanes = blocks[0].lanes
+        above = np.concatenate([_or_none(block.parent_lane, len(block)) for block in blocks])
+        origin, children = np.full(len(above), -1, dtype=np.int64), above >= 0
+        origin[children] = self._known(lanes, above[children], 1)
+        return _Columns(
+            flow=self._known(lanes, np.concatenate([block.lane for block in blocks]), 0),
+            serial=np.concatenate([block.serial for block in blocks]),
+            sent=np.repeat([block.sent_ns for block in blocks], rows),
+            arrived=np.repeat([block.arrived_ns for block in blocks], rows),
+            fate=np.repeat(np.array([_FATES[block.fate] for block in blocks], dtype=np.int32), rows),
+            size=np.concatenate([sizes for _, _, sizes in carried]).astype(np.int32),
+            payload_id=np.concatenate([ids for ids, _, _ in carried]),
+            hashes=np.concatenate([words for _, words, _ in carried]),
+            origin=origin,
+            parent_serial=np.concatenate([_or_none(block.parent_serial, len(block)) for block in blocks]),
+        )
+
+    def _carried(self, block: FrameBlock, numbered: dict[int, tuple[int, Ints, Words]]) -> tuple[Ints, Words, Ints]:
         payloads = block.payloads
         known = numbered.get(id(payloads))
         if known is None or known[0] != self._payloads.start:
@@ -195,22 +214,9 @@ class FrameEncoder:
             if self._payloads.start == window:  # else the next hop's rows must find theirs in the new window
                 numbered[id(payloads)] = known
         _, ids, words = known
-        sizes = payloads.sizes
-        if block.rows is not None:
-            ids, words, sizes = ids[block.rows], words[block.rows], sizes[block.rows]
-        parentless = block.parent_lane is None or block.parent_serial is None
-        return _Columns(
-            flow=self._known(block.lanes, block.lane, 0),
-            serial=block.serial,
-            sent=np.full(rows, block.sent_ns, dtype=np.int64),
-            arrived=np.full(rows, block.arrived_ns, dtype=np.int64),
-            fate=np.full(rows, _FATES[block.fate], dtype=np.int32),
-            size=sizes.astype(np.int32),
-            payload_id=ids,
-            hashes=words,
-            origin=np.full(rows, -1) if block.parent_lane is None else self._known(block.lanes, block.parent_lane, 1),
-            parent_serial=np.full(rows, -1) if parentless else cast("Ints", block.parent_serial),
-        )
+        if block.rows is None:
+            return ids, words, payloads.sizes
+        return ids[block.rows], words[block.rows], payloads.sizes[block.rows]
 
     def _known(self, lanes: Lanes, lane: Ints, which: int) -> Ints:
         """The number of each row's flow (0) or origin (1), those of lanes not met before being entered."""
@@ -253,8 +259,13 @@ def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
     return pa.ListArray.from_arrays(pa.array(np.cumsum(offsets, dtype=np.int32)), pa.array(flat, pa.string()))
 
 
-def _is_single(seen: Frame | FrameBlock) -> bool:
-    return isinstance(seen, Frame)
+def _lanes_of(seen: Frame | FrameBlock) -> Lanes | None:
+    """What blocks are taken together by; None for a single frame."""
+    return None if isinstance(seen, Frame) else seen.lanes
+
+
+def _or_none(column: Ints | None, rows: int) -> Ints:
+    return np.full(rows, -1, dtype=np.int64) if column is None else column
 
 
 def _hashes(keys: Sequence[tuple[str, ...]]) -> NDArray[np.uint64]:

@@ -47,6 +47,7 @@ from skyrange.record.spool import SPOOL, Spool, cannot_write
 from skyrange.record.ticks import SensorTick, TruthTick, sensor_batch, sensor_values, truth_batch, truth_words
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
+_BLOCK_ROWS = 32_768  # of blocks, which are few objects: some 4 MB
 
 
 @dataclass(slots=True)
@@ -95,6 +96,7 @@ class Recorder:
         self._refused = False
         self._closed = False
         self._frames: list[Frame | FrameBlock] = []
+        self._singles = 0
         self._frame_rows = 0
         self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
         self._labels: list[Label] = []
@@ -173,10 +175,10 @@ class Recorder:
     def on_frame(self, frame: Frame) -> None:
         """A frame met its fate."""
         self._frames.append(frame)
-        self._frame_rows += 1
+        self._singles += 1
         if monotonic() >= self._due_s:
             self.flush()
-        elif self._frame_rows >= _BATCH_ROWS:
+        elif self._singles >= _BATCH_ROWS:
             self._hand_over_frames()
 
     def on_block(self, block: FrameBlock) -> None:
@@ -185,7 +187,7 @@ class Recorder:
         self._frame_rows += len(block)
         if monotonic() >= self._due_s:
             self.flush()
-        elif self._frame_rows >= _BATCH_ROWS:
+        elif self._frame_rows >= _BLOCK_ROWS:
             self._hand_over_frames()
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
@@ -238,7 +240,7 @@ class Recorder:
     def _hand_over_frames(self) -> None:
         frames = self._frames
         self._frames = []
-        self._frame_rows = 0
+        self._singles = self._frame_rows = 0
         if not frames or self._refused:
             return
         encoded = self._state.encoder.encode(frames)
@@ -274,7 +276,7 @@ class Recorder:
 
     def _clear(self) -> None:
         self._frames.clear()
-        self._frame_rows = 0
+        self._singles = self._frame_rows = 0
         for rows in self._notes.values():
             rows.clear()
         self._labels.clear()

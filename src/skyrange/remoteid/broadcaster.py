@@ -27,7 +27,7 @@ from skyrange.codec.f3411 import (
     encode,
     values,
 )
-from skyrange.codec.f3411_columns import Bodies, encode_locations, pack_rows, rows_of, single_rows
+from skyrange.codec.f3411_columns import CODES, NUMBERS, Bodies, encode_locations, pack_rows, rows_of, single_rows
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.rid_link import ANY_CHANNEL, NO_RSSI, Transport
 from skyrange.codec.rid_link import pack_rows as link_rows
@@ -54,11 +54,14 @@ _KINDS: Final = 8
 """Counters: one per transport, one per message of Bluetooth 4."""
 
 
-@kernel
-def _course_deg(north: NDArray[np.float64], east: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    for i in range(north.shape[0]):
-        degrees = math.atan2(east[i], north[i]) * (180.0 / math.pi)
-        out[i] = degrees + 360.0 if degrees < 0.0 else degrees
+_GROUND, _AIRBORNE, _EMERGENCY = int(Status.GROUND), int(Status.AIRBORNE), int(Status.EMERGENCY)
+_FAILURE: Final = int(Status.REMOTE_ID_SYSTEM_FAILURE)
+_ACTIVE, _CRITICAL = int(mav.MAV_STATE_ACTIVE), int(mav.MAV_STATE_CRITICAL)
+_HORIZONTAL, _VERTICAL, _SPEED = (
+    np.array([-1.0 if limit is None else limit for limit in table])
+    for table in (values.HORIZONTAL_ACCURACY_M, values.VERTICAL_ACCURACY_M, values.SPEED_ACCURACY_MPS)
+)
+"""Errors are below these, by code; -1: no error is."""
 
 
 class Broadcaster:
@@ -210,45 +213,46 @@ def _system(broadcast: Broadcast) -> System:
 
 def locations(told: Any, now: Time) -> Bodies:
     """(n, 25) Location messages of beliefs (rows of `BELIEF`)."""
-    placed = told["place_ns"] >= 0
-    lost = ~fresh(told["beat_ns"], now, BEAT_NS) | ~fresh(told["place_ns"], now, PLACE_NS)
-    unknown = np.where(placed, 0.0, np.nan)
-    lat, lon = told["lat_e7"] * 1e-7 + unknown, told["lon_e7"] * 1e-7 + unknown
-    east, north = told["vel_e"], told["vel_n"]
-    speed = np.sqrt(east * east + north * north)
-    course = np.empty(len(told))
-    _course_deg(north, east, course)
-    utc = utc_us(told, told["boot_ms"])
-    hour_s = (utc % 3_600_000_000) * 1e-6
-    return encode_locations(
-        status=_status(told, lost),
-        lat_deg=lat,
-        lon_deg=lon,
-        alt_geo_m=told["alt_msl_m"] + told["geoid_m"] + unknown,
-        height_m=told["above_home_m"] + unknown,
-        speed_mps=speed + unknown,
-        vertical_mps=-told["vel_d"] + unknown,
-        track_deg=np.where(speed >= 0.125, course, np.nan) + unknown,  # half a step of the speed: no course at rest
-        horizontal_accuracy=_code(values.HORIZONTAL_ACCURACY_M, told["place_acc_m"]),
-        vertical_accuracy=_code(values.VERTICAL_ACCURACY_M, told["up_acc_m"]),
-        speed_accuracy=_code(values.SPEED_ACCURACY_MPS, told["speed_acc_mps"]),
-        timestamp_accuracy=np.where(utc >= 0, 1, 0),  # 0.1 s, the resolution: its clock is set by GNSS
-        timestamp_s=np.where((utc >= 0) & placed, hour_s, np.nan),
-    )
+    numbers, codes = np.empty((len(NUMBERS), len(told))), np.empty((len(CODES), len(told)), dtype=np.uint8)
+    _say(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
+    return encode_locations(numbers, codes)
 
 
-def _status(told: Any, lost: NDArray[np.bool_]) -> Ints:
-    """Status: a failsafe (MAV_STATE_CRITICAL) or worse of an armed aircraft is an emergency; ACTIVE is in the air."""
-    armed = told["armed"] == 1
-    status = np.where(armed & (told["state"] >= mav.MAV_STATE_ACTIVE), Status.AIRBORNE, Status.GROUND)
-    status = np.where(armed & (told["state"] >= mav.MAV_STATE_CRITICAL), Status.EMERGENCY, status)
-    return np.where(lost, Status.REMOTE_ID_SYSTEM_FAILURE, status)
+@kernel
+def _say(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
+    """Fill the columns of `encode_locations`."""
+    for i in range(told.shape[0]):
+        row = told[i]
+        numbers[:, i] = math.nan
+        codes[:, i] = 0
+        lost = row.beat_ns < 0 or now - row.beat_ns > BEAT_NS or row.place_ns < 0 or now - row.place_ns > PLACE_NS
+        # a failsafe (MAV_STATE_CRITICAL) or worse of an armed aircraft is an emergency; ACTIVE is in the air
+        status = _GROUND
+        if row.armed == 1 and row.state >= _ACTIVE:
+            status = _EMERGENCY if row.state >= _CRITICAL else _AIRBORNE
+        codes[0, i] = _FAILURE if lost else status
+        codes[2, i] = _accuracy(_HORIZONTAL, row.place_acc_m)
+        codes[3, i] = _accuracy(_VERTICAL, row.up_acc_m)
+        codes[5, i] = _accuracy(_SPEED, row.speed_acc_mps)
+        codes[6, i] = 1 if utc[i] >= 0 else 0  # 0.1 s, the resolution: its clock is set by GNSS
+        if row.place_ns < 0:
+            continue
+        numbers[0, i], numbers[1, i] = row.lat_e7 * 1e-7, row.lon_e7 * 1e-7
+        numbers[2, i], numbers[4, i] = row.alt_msl_m + row.geoid_m, row.above_home_m
+        speed = math.sqrt(row.vel_e * row.vel_e + row.vel_n * row.vel_n)
+        numbers[5, i], numbers[6, i] = speed, -row.vel_d
+        if speed >= 0.125:  # half a step of the speed: no course at rest
+            degrees = math.atan2(row.vel_e, row.vel_n) * (180.0 / math.pi)
+            numbers[7, i] = degrees + 360.0 if degrees < 0.0 else degrees
+        if utc[i] >= 0:
+            numbers[8, i] = (utc[i] % 3_600_000_000) * 1e-6
 
 
-def _code(table: tuple[float | None, ...], error: NDArray[np.float64]) -> Ints:
-    """`values.accuracy_code` of many."""
-    code = np.zeros(len(error), dtype=np.int64)
-    for place, limit in enumerate(table):
-        if limit is not None:
-            code[error < limit] = place
+@kernel
+def _accuracy(limits: NDArray[np.float64], error: float) -> int:
+    """`values.accuracy_code`; 0 for an unknown error."""
+    code = 0
+    for place in range(limits.shape[0]):
+        if error < limits[place]:
+            code = place
     return code

@@ -81,11 +81,15 @@ class Heard(NamedTuple):
 
 @kernel
 def _slot(
-    rows: Any, r: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int, rssi: float
-) -> int:
-    """Where a broadcast belongs: its own track's place, a free one, or that of the weakest; -1 none is weaker."""
+    rows: Any, r: int, used: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int,
+    rssi: float,
+) -> tuple[int, bool]:  # fmt: skip
+    """Where a broadcast belongs: its own track's place, a free one, or that of the weakest (True); -1 none is weaker.
+
+    From place `used` on none was ever taken.
+    """
     free, nameless, same, weakest = -1, -1, -1, -1
-    for k in range(rows.shape[1]):
+    for k in range(used):
         row = rows[r, k]
         if row.heard_ns < 0 or now - row.heard_ns > stale_ns:
             if free < 0:
@@ -93,7 +97,7 @@ def _slot(
             continue
         if row.address == address:
             if named and row.id_a == a and row.id_b == b and row.id_c == c:
-                return k
+                return k, False
             if row.id_a == 0 and row.id_b == 0 and row.id_c == 0:
                 nameless = k
             if same < 0 or row.heard_ns > rows[r, same].heard_ns:
@@ -103,31 +107,30 @@ def _slot(
             weakest = k
     found = nameless if named else same
     if found >= 0:
-        return found
+        return found, False
+    if free < 0 and used < rows.shape[1]:
+        free = used
     if free >= 0:
         rows[r, free].heard_ns = -1
-        return free
+        return free, False
     level = -math.inf if math.isnan(rows[r, weakest].rssi_dbm) else rows[r, weakest].rssi_dbm
     if rssi > level:
         rows[r, weakest].heard_ns = -1
-        return weakest
-    return -1
+        return weakest, True
+    return -1, False
 
 
 @kernel
 def _take(
-    rows: Any, counts: Ints, stale_ns: int, receiver: Ints, at_ns: Ints, address: Ints, named: NDArray[np.bool_],
-    ids: NDArray[np.uint64], located: NDArray[np.bool_], place: Floats, rssi: Floats, status: NDArray[np.uint8],
-    transport: NDArray[np.uint8], odd: NDArray[np.bool_], ref: Ints, serial: Ints,
+    rows: Any, used: Ints, counts: Ints, stale_ns: int, receiver: Ints, at_ns: Ints, address: Ints,
+    named: NDArray[np.bool_], ids: NDArray[np.uint64], located: NDArray[np.bool_], place: Floats, rssi: Floats,
+    status: NDArray[np.uint8], transport: NDArray[np.uint8], odd: NDArray[np.bool_], ref: Ints, serial: Ints,
 ) -> None:  # fmt: skip
     """Write broadcasts into tracks, in order; `counts` (n, 3) are refused, displaced and odd ones by receiver."""
     for i in range(receiver.shape[0]):
         r = receiver[i]
-        full = 0
-        for k in range(rows.shape[1]):
-            full += 1 if rows[r, k].heard_ns >= 0 and at_ns[i] - rows[r, k].heard_ns <= stale_ns else 0
-        k = _slot(
-            rows, r, at_ns[i], stale_ns, address[i], named[i], ids[i, 0], ids[i, 1], ids[i, 2],
+        k, displaces = _slot(
+            rows, r, used[r], at_ns[i], stale_ns, address[i], named[i], ids[i, 0], ids[i, 1], ids[i, 2],
             -math.inf if math.isnan(rssi[i]) else rssi[i],
         )  # fmt: skip
         if k < 0:
@@ -135,7 +138,8 @@ def _take(
             continue
         row = rows[r, k]
         if row.heard_ns < 0:
-            if full == rows.shape[1]:
+            used[r] = max(used[r], k + 1)
+            if displaces:
                 counts[r, 1] += 1
             row.located_ns = -1
             row.address = address[i]
@@ -172,6 +176,8 @@ class TrackTable:
         self.rows["heard_ns"] = -1
         self.rows["located_ns"] = -1
         self.rows["ref"] = NO_REF
+        self.used: Ints = np.zeros(count, dtype=np.int64)
+        """(count,): places from there on were never taken."""
         self.counts: Ints = np.zeros((count, 3), dtype=np.int64)
         """(count, 3): broadcasts refused for want of room, tracks displaced by stronger ones, impossible Locations."""
 
@@ -189,7 +195,7 @@ class TrackTable:
         rssi = np.where(rid.rssi_cdbm[keep] == -32768, np.nan, rid.rssi_cdbm[keep] * 0.01)
         odd = impossible(said)[keep]
         _take(
-            self.rows, self.counts, self.stale_ns, heard.receiver[keep], heard.at_ns[keep], address,
+            self.rows, self.used, self.counts, self.stale_ns, heard.receiver[keep], heard.at_ns[keep], address,
             said.has_id[keep], ids.view(np.uint64), said.found[keep], self._local(said, keep), rssi,
             said.status[keep], rid.transport[keep], odd, heard.ref[keep], heard.serial[keep],
         )  # fmt: skip

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skyrange.agent.messages import Columns, Inbox, Outbox, Scalar
 from skyrange.agent.payloads import Ints
 from skyrange.agent.refs import RefBook
-from skyrange.codec.f3411_columns import location_rows, whole_rows
+from skyrange.codec.f3411_columns import location_rows
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.rid_link import read_rows
@@ -137,7 +137,7 @@ class Companion:
         rid = read_rows(mail.payloads.take(heard))
         said = location_rows(rid.bodies)
         ref, serial = self._refs.read(inbox, mail.order[heard])
-        np.add.at(self._bad, vehicle[heard[~whole_rows(rid.bodies)]], 1)  # no frame of this link has no body either
+        np.add.at(self._bad, vehicle[heard[~said.whole]], 1)  # no frame of this link has no body either
         self.tracks.update(Heard(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial))
 
     # --- detect and avoid ------------------------------------------------------------------------

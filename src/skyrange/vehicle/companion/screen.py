@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.agent.payloads import Ints
 from skyrange.codec.f3411 import Status
 from skyrange.core.compiled import kernel
 from skyrange.core.time import Time
@@ -21,13 +22,13 @@ Floats = NDArray[np.float64]
 
 @kernel
 def _screen(
-    rows: Any, stale_ns: int, now: int, places: Floats, velocities: Floats, limits: Floats, asks: NDArray[np.bool_],
-    found: NDArray[np.bool_],
+    rows: Any, used: Ints, stale_ns: int, now: int, places: Floats, velocities: Floats, limits: Floats,
+    asks: NDArray[np.bool_], found: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     for r in range(rows.shape[0]):
         if not asks[r]:
             continue
-        for k in range(rows.shape[1]):
+        for k in range(used[r]):
             row = rows[r, k]
             if row.heard_ns < 0 or row.odd != 0 or row.located_ns < 0 or now - row.located_ns > stale_ns:
                 continue
@@ -57,5 +58,5 @@ def conflicts(
     look-ahead in s.
     """
     found = np.zeros(len(asks), dtype=np.bool_)
-    _screen(tracks.rows, tracks.stale_ns, now, places, velocities, limits, asks, found)
+    _screen(tracks.rows, tracks.used, tracks.stale_ns, now, places, velocities, limits, asks, found)
     return found
