@@ -52,7 +52,7 @@ SCHEMAS = {
 }  # fmt: skip
 SCHEMAS["receptions"] = {
     "time_ns": pa.int64(), "link": pa.string(), "receiver": pa.string(), "rssi_dbm": pa.float32(),
-    "outcome": pa.string(),
+    "outcome": pa.string(), "east_m": pa.float32(), "north_m": pa.float32(), "up_m": pa.float32(),
 }  # fmt: skip
 SCHEMAS["events"] = SCHEMAS["decisions"]
 SCHEMAS["sensors"] = {"time_ns": pa.int64(), "vehicle": pa.string()}

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 
 from skyrange.study.palette import shades
-from skyrange.study.receptions import Receptions, who_heard_whom
+from skyrange.study.receptions import Hearing, hearings, receptions_of, who_heard_whom
 from skyrange.study.report import chain, effecttable, hearing
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.spread import Interval
 from skyrange.study.subject import Subject
 from skyrange.study.twins import draw_departures, draw_twin_heights, draw_twin_plan
+from tests.unit.study_sample import SampleRun
 
 S = 1_000_000_000
 FLEET = [Vehicle(name, "a", "builtin", "iris", "", (0.0, 10.0 * k, 0.0)) for k, name in enumerate(("a/1", "a/2<b>"))]
@@ -85,6 +87,19 @@ def test_heights_and_departures_are_drawn_with_the_attacks_interval() -> None:
     # (0, 20, 14) against (20, 0, 10): 28.6 m, so the axis has a tick at 20 and none at 40
     assert ">20</text>" in departures
     assert ">40</text>" not in departures
+
+
+def test_only_operators_that_are_drawn_are_named() -> None:
+    fleet = [FLEET[0], Vehicle("b/1", "b<c>", "builtin", "iris", "", (0.0, 0.0, 0.0))]
+    subject = Subject(
+        "page", fleet, dict(zip(("a/1", "b/1"), shades("#0072b2", 2), strict=True)), [], {"a/1": 0, "b/1": 1}
+    )
+    tracks = {"a/1": TWINS["a/1"], "b/1": TWINS["a/2<b>"]}
+    named = re.compile(r'font-weight="600" fill="#\w+">([^<]*)<')
+    for chosen, names in ((["a/1"], ["a"]), (["a/1", "b/1"], ["b&lt;c&gt;", "a"])):
+        assert named.findall(draw_twin_heights(subject, tracks, tracks, chosen, []).svg) == names
+        assert named.findall(draw_departures(subject, tracks, tracks, chosen, []).svg) == names
+    assert not named.findall(draw_twin_heights(SUBJECT, TRACKS, TWINS, ["a/1"], []).svg), "one operator needs no name"
 
 
 def test_nothing_to_draw_draws_nothing() -> None:
@@ -161,33 +176,54 @@ def test_intervals_are_bold_where_they_leave_zero_out() -> None:
     assert "−1.0 … 7.0, n = 5" in drawn
 
 
-def heard() -> Receptions:
-    return Receptions(
-        np.arange(4) * S,
-        np.array(["ghost", "ghost", "a/1", "ghost"]),
-        np.array(["a/1", "a/1", "a/2<b>", "a/2<b>"]),
-        np.array([[0.0, 0, 10], [5, 0, 10], [0, 10, 5], [0, 10, 5]]),
-        np.array([-60.0, -70.0, -90.0, -97.0]),
-        np.array([True, True, True, False]),
-    )
+def heard(path: Path) -> SampleRun:
+    rows = [
+        ("ghost", "a/1", (0.0, 0.0, 10.0), -60.0, "decoded"),
+        ("ghost", "a/1", (5.0, 0.0, 10.0), -70.0, "decoded"),
+        ("a/1", "a/2<b>", (0.0, 10.0, 5.0), -90.0, "decoded"),
+        ("ghost", "a/2<b>", (0.0, 10.0, 5.0), -97.0, "weak"),
+    ]
+    vehicles = [{"id": vehicle.id, "operator": "a"} for vehicle in FLEET]
+    return SampleRun(
+        path,
+        {"vehicles": vehicles, "receivers": [{"id": "mast"}]},
+        [],
+        {
+            "receptions": [
+                {
+                    "time_ns": k * S, "link": f"rid_up:{sender}", "receiver": receiver, "rssi_dbm": dbm, "outcome": how,
+                    **dict(zip(("east_m", "north_m", "up_m"), place, strict=True)),
+                }
+                for k, (sender, receiver, place, dbm, how) in enumerate(rows)
+            ]
+        },
+    )  # fmt: skip
 
 
-def test_who_heard_whom_by_hand() -> None:
-    rows = {
-        (r["sender"], r["receiver"]): (r["decoded"], r["of"], r["median_dbm"], r["most_dbm"])
-        for r in who_heard_whom(heard())
-    }
-    assert rows == {
-        ("a/1", "a/2<b>"): (1, 1, -90.0, -90.0),
-        ("ghost", "a/1"): (2, 2, -65.0, -60.0),
-        ("ghost", "a/2<b>"): (0, 1, -97.0, -97.0),
-    }
-    assert "a/2&lt;b&gt;" in hearing.hearing_table(heard())
+def test_who_heard_whom_by_hand(tmp_path: Path) -> None:
+    found = who_heard_whom(heard(tmp_path))
+    assert found == [
+        Hearing("a/2<b>", "a/1", 1, 1, -90.0, -90.0, 2.0, 2.0, None),
+        Hearing("a/1", "ghost", 2, 2, -65.0, -60.0, 0.0, 1.0, 1.0),
+        Hearing("a/2<b>", "ghost", 0, 1, -97.0, -97.0, None, None, None),
+    ]
+    assert "a/2&lt;b&gt;" in hearing.hearing_table(found)
+    assert who_heard_whom(heard(tmp_path), ["a/1"]) == found[1:2]
+    assert hearings(heard(tmp_path)) == [found[1], found[0]], "by receiver, and only what was decoded"
 
 
-def test_the_map_has_a_dot_per_reception_of_the_attackers() -> None:
-    drawn = hearing.hearing_map(SUBJECT, heard(), ["ghost"], {"ghost.radio": (10.0, 0.0, 2.0)}).svg
+def test_what_was_heard_in_several_batches_is_one_row(tmp_path: Path) -> None:
+    one = {"link": "rid_up:ghost", "receiver": "a/1", "outcome": "decoded", "rssi_dbm": -60.0}
+    many = [{**one, "time_ns": k * S, "outcome": "decoded" if k % 2 else "weak"} for k in range(2500)]
+    (found,) = who_heard_whom(SampleRun(tmp_path, {}, [], {"receptions": many}))
+    assert (found.decoded, found.of, found.first_s, found.last_s, found.silence_s) == (1250, 2500, 1.0, 2499.0, 2.0)
+
+
+def test_the_map_has_a_dot_per_reception_of_the_attackers(tmp_path: Path) -> None:
+    hostile = receptions_of(heard(tmp_path), ["ghost"])
+    drawn = hearing.hearing_map(SUBJECT, hostile, {"ghost.radio": (10.0, 0.0, 2.0)}).svg
     assert drawn.count("hears ghost") == 3
     assert "hears a/1" not in drawn
     assert drawn.count('r="3.4" fill="none"') == 1, "what was not decoded is hollow"
     assert "-97 dBm" in drawn
+    assert len(receptions_of(heard(tmp_path), [])) == 0

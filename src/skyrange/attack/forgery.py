@@ -99,7 +99,7 @@ class Forger:
         start = self.places[number] if self.stands_enu_m is None else self.stands_enu_m
         east_m, north_m, up_m = (x + v * seconds for x, v in zip(start, velocity, strict=True))
         lat_deg, lon_deg = self.origin.geodetic_of(east_m, north_m)
-        ground_m = self.origin.alt_msl_m + self.origin.geoid_m  # F3411 counts from the ellipsoid
+        ground_m = self.origin.ellipsoid_of(self.origin.alt_msl_m)  # F3411 counts from the ellipsoid
         unix_ns = self.epoch.unix_ns + now
         location = Location(
             status=Status.AIRBORNE if self.stands_enu_m is None else Status.GROUND,

@@ -96,7 +96,7 @@ class Parrot:
                 status=Status.GROUND,
                 lat_deg=lat_deg,
                 lon_deg=lon_deg,
-                alt_geo_m=self.origin.alt_msl_m + self.origin.geoid_m + place[2],
+                alt_geo_m=self.origin.ellipsoid_of(self.origin.alt_msl_m) + place[2],
             ),
             BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, persona(self.name).uas_id),
             *[SelfId(0, "standing here")] * 9,

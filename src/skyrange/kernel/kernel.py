@@ -24,15 +24,13 @@ from skyrange.agent.verdicts import Label
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port, own_voice
-from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
+from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
+from skyrange.kernel.events import STEP, WAKEUP
 from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Lane, Mailbox, Transit
 from skyrange.kernel.stages import Stage, Stages
-from skyrange.kernel.traffic import Code, Traffic, acts, blamed
+from skyrange.kernel.traffic import Traffic, acts, blamed
 from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
-
-_WAKEUP = int(Phase.WAKEUP)
-_STEP = int(Code.STEP)
 
 
 class _Seat:
@@ -152,7 +150,7 @@ class Kernel:
                     break
                 key, _, _, _, code, data = heappop(heap)
                 at = key >> 3
-                if code == _STEP:
+                if code == STEP:
                     if data.due == at:
                         self._step(at, data)
                 else:
@@ -281,7 +279,7 @@ class Kernel:
         due = ceil_to(max(wish, now + 1), service)
         if seat.box.due is None or due < seat.box.due:
             seat.box.due = due
-            heappush(self._traffic.heap, ((due << 3) | _WAKEUP, "agent", seat.box.name, 0, _STEP, seat.box))
+            heappush(self._traffic.heap, ((due << 3) | WAKEUP, "agent", seat.box.name, 0, STEP, seat.box))
 
     def _dispatch(self, now: Time, name: str, outbox: Outbox, own: Sequence[Port], attack: Stage | None) -> None:
         for note in outbox.notes:

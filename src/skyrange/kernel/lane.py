@@ -131,6 +131,11 @@ class Forward(NamedTuple):
     route: Route
     lane: Lane
 
+    @property
+    def name(self) -> str:
+        """What tells it from all others of a kernel."""
+        return f"{self.route.endpoint}|{self.route.source}|{self.route.target}"
+
 
 @dataclass(slots=True)
 class Mailbox:

@@ -7,7 +7,6 @@ meets only the taps after its own. Everything that takes time becomes an event i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import IntEnum
 from heapq import heappush
 from typing import TYPE_CHECKING, Any
 
@@ -22,44 +21,30 @@ from skyrange.agent.payloads import Ints, Payloads
 from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.ids import FrameId, Port
-from skyrange.core.time import NEVER, Phase, Time, ceil_to, to_seconds
-from skyrange.kernel.express import Express, Landing, Onward
-from skyrange.kernel.lane import Forward, Forwarder, Lane, Mailbox, TapSlot, Transit
+from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
+from skyrange.kernel.convoy import Convoy, begun
+from skyrange.kernel.events import (
+    ARRIVE,
+    CLOSE,
+    DELIVERY,
+    FORWARD,
+    GO_ON,
+    LAND,
+    RESUME,
+    TAP,
+    WAKEUP,
+    Event,
+    wake_box,
+    wake_forwarder,
+)
+from skyrange.kernel.lane import Forward, Forwarder, Lane, TapSlot, Transit
 
 if TYPE_CHECKING:
     from skyrange.kernel.stages import Stage
 
-_DELIVERY = int(Phase.DELIVERY)
-_WAKEUP = int(Phase.WAKEUP)
-
-
-class Code(IntEnum):
-    """What an event in the heap does."""
-
-    ARRIVE = 0  # a frame comes out of its channel, or of a receiver-side delay
-    RESUME = 1  # a frame leaves a sender-side delay
-    CLOSE = 2  # frames whose journey ended on the way are recorded
-    FORWARD = 3  # an endpoint's route sends on what waits
-    TAP = 4  # a tap acts on its own initiative
-    STEP = 5  # an agent is stepped
-    LAND = 6  # blocks come out of the last channel of their express
-    GO_ON = 7  # an endpoint's route sends on blocks that have come
-
-
-# Plain ints: enum look-ups cost more than the events they name.
-_ARRIVE, _RESUME, _CLOSE, _FORWARD, _TAP, _STEP, _LAND, _GO_ON = (int(code) for code in Code)
-
-Event = tuple[int, str, str, int, int, Any]
-"""(time << 3 | phase, lane or group, sender or owner, that sender's serial, code, what the code needs)."""
-
 
 def _number(lane: Lane) -> int:
     return lane.number
-
-
-def _came(frame: Frame) -> tuple[Time, str, int]:
-    """The order in which frames come out of one channel."""
-    return frame.arrived_ns, frame.sender, frame.serial
 
 
 def acts(attack: Stage | None, now: Time) -> bool:
@@ -78,26 +63,26 @@ class Traffic:
         self.lanes = lanes
         self._forwarders: dict[str, Forwarder] = {}
         self._by_number = sorted(lanes.values(), key=_number)
-        self._express = Express([], {})
-        self._blocks = 0
+        self._convoy = Convoy(self.heap, self._by_number, self._forwarders)
 
     def open_express(self, ports: dict[Port, int], fuse: bool) -> None:
         """Work out which lanes blocks may take; `ports` is the place of every owned port among its owner's."""
-        self._express = Express(self._by_number if fuse else [], ports)
+        self._convoy.open(ports, fuse)
 
     def handle(self, now: Time, code: int, data: Any) -> None:
         """Carry out one event of the heap that is not an agent's step."""
-        if code == _ARRIVE:
+        if code == ARRIVE:
             self._arrive(now, *data)
-        elif code == _FORWARD:
+        elif code == FORWARD:
             self._forward(now, data)
-        elif code == _LAND:
-            self._land_blocks(now, data)
-        elif code == _GO_ON:
-            self._go_on(now, data)
-        elif code == _RESUME:
+        elif code == LAND:
+            self._close_blocks(data.hops)
+            self._convoy.land(now, data)
+        elif code == GO_ON:
+            self._convoy.go_on(now, data)
+        elif code == RESUME:
             self.transmit(now, *data)
-        elif code == _TAP:
+        elif code == TAP:
             if data.due == now:
                 self._wake_tap(now, data)
         else:
@@ -105,20 +90,20 @@ class Traffic:
 
     def land(self, arrival: Time, lane_name: str, frame: Frame) -> None:
         """Take over a frame that another kernel sent."""
-        self._push(arrival, lane_name, frame, _ARRIVE, (self.lanes[lane_name], frame, 0, None))
+        self._push(arrival, lane_name, frame, ARRIVE, (self.lanes[lane_name], frame, 0, None))
 
     def strand_all(self, now: Time) -> None:
         """The run ends at `now`: record every frame still under way."""
         for entry in sorted(self.heap, key=lambda entry: entry[:4]):
             code, data = entry[4], entry[5]
-            if code == _ARRIVE:
+            if code == ARRIVE:
                 self._strand(now, [*(data[3] or ()), data[1]])
-            elif code == _RESUME:
+            elif code == RESUME:
                 self._strand(now, [data[1]])
-            elif code == _CLOSE:
+            elif code == CLOSE:
                 self._strand(now, data)
-            elif code == _LAND:
-                self._strand_blocks(now, data)
+            elif code == LAND:
+                self._close_blocks(begun(now, data))
         self.heap.clear()
 
     # ---------------------------------------------------------------- taps
@@ -178,9 +163,9 @@ class Traffic:
         if until is not None and until > now:
             self._act(now, slot, "delay", frame.id, until=until)
             if sending:
-                self._push(until, lane.name, frame, _RESUME, (lane, frame, stage))
+                self._push(until, lane.name, frame, RESUME, (lane, frame, stage))
             else:
-                self._push(until, lane.name, frame, _ARRIVE, (lane, frame, stage, None))
+                self._push(until, lane.name, frame, ARRIVE, (lane, frame, stage, None))
             return None
         return frame
 
@@ -195,7 +180,7 @@ class Traffic:
         if sending:
             self.transmit(now, lane, frame, stage)
         else:  # past the channel already, but nothing arrives at its own time
-            self._push(now + MIN_LATENCY_NS, lane.name, frame, _ARRIVE, (lane, frame, stage, None))
+            self._push(now + MIN_LATENCY_NS, lane.name, frame, ARRIVE, (lane, frame, stage, None))
 
     def _act(
         self,
@@ -230,7 +215,7 @@ class Traffic:
         if due != slot.due:
             slot.due = due
             if due is not None:
-                heappush(self.heap, ((due << 3) | _WAKEUP, "tap", slot.name, 0, _TAP, slot))
+                heappush(self.heap, ((due << 3) | WAKEUP, "tap", slot.name, 0, TAP, slot))
 
     def transmit(self, now: Time, lane: Lane, frame: Frame, stage: int) -> None:
         """Sender-side taps from `stage` on, then the channel."""
@@ -253,11 +238,7 @@ class Traffic:
 
     def transmit_block(self, now: Time, lanes: Ints, payloads: Payloads, parents: Parents | None = None) -> None:
         """Send `payloads[i]` from the source of lane number `lanes[i]`."""
-        express = self._express
-        ways = express.way[lanes] if len(express.way) else np.full(len(lanes), -1, dtype=np.int64)
-        above = express.lanes_of(parents) if parents is not None else None
-        if above is not None:  # columns know the lanes' own frames; a tap's has none of them for its parent
-            ways = np.where(np.isin(lanes, lanes[above < 0]), -1, ways)  # whole lanes, to keep their order
+        ways, above = self._convoy.ways(lanes, parents)
         for way in np.unique(ways).tolist():
             rows = np.flatnonzero(ways == way)
             whole = len(rows) == len(lanes)
@@ -269,69 +250,7 @@ class Traffic:
                 continue
             part = (lanes, payloads) if whole else (lanes[rows], payloads.take(rows))
             serials = parents.serials[rows] if parents is not None else None
-            of = (above[rows] if above is not None else None, serials)
-            self._await_landings(express.fly(now, way, *part, *of, self._by_number[0].counters))
-
-    def _await_landings(self, landings: Sequence[Landing]) -> None:
-        for landing in landings:
-            self._blocks += 1  # only so that no two events are alike: the order of landings shows nowhere
-            key = (landing.arrival << 3) | _DELIVERY
-            heappush(self.heap, (key, "", "", self._blocks, _LAND, landing))
-
-    def _land_blocks(self, now: Time, landing: Landing) -> None:
-        self._close_blocks(landing.hops)
-        for onward in landing.onward:  # before any forwarder of that moment: "" is less than their names
-            self._blocks += 1
-            heappush(self.heap, ((onward.sent << 3) | _WAKEUP, "", "", self._blocks, _GO_ON, onward))
-        if not landing.to_box:
-            return
-        block, express = landing.hops[-1], self._express
-        owners = express.box_of[block.lane]
-        for owner in np.unique(owners).tolist():
-            rows = np.flatnonzero(owners == owner)
-            box = express.boxes[owner]
-            box.blocks.append(block if len(rows) == len(block) else block.take(rows))
-            self._wake_box(now, box)
-
-    def _go_on(self, now: Time, onward: Onward) -> None:
-        """Send blocks on; those whose lane has single frames waiting at this moment wait with them, in their order."""
-        busy = {waiting.forward.lane.number for waiting in self._forwarders.values() if waiting.frames}
-        if busy:
-            lanes = onward.lanes
-            held = np.isin(lanes, list(busy))
-            if held.any():
-                self._hold(now, onward.take(held), lanes[held])
-                onward = onward.take(~held)
-        if len(onward.rows):
-            self._await_landings(self._express.go_on(onward, self._by_number[0].counters))
-
-    def _hold(self, now: Time, onward: Onward, lanes: Ints) -> None:
-        """Let rows of a block wait as single frames beside those that wait already."""
-        waiting = {forwarder.forward.lane.number: forwarder for forwarder in self._forwarders.values()}
-        frames = onward.block.take(onward.rows).frames()
-        for lane, frame in zip(lanes.tolist(), frames, strict=True):
-            forwarder = waiting[lane]
-            forwarder.frames.append(frame)
-            forwarder.frames.sort(key=_came)
-            if forwarder.due != now:
-                forwarder.due = now
-                route = forwarder.forward.route
-                name = f"{route.endpoint}|{route.source}|{route.target}"
-                heappush(self.heap, ((now << 3) | _WAKEUP, "", name, 0, _FORWARD, forwarder))
-
-    def _close_blocks(self, blocks: Sequence[FrameBlock]) -> None:
-        for observer in self.observers:
-            for block in blocks:
-                observer.on_block(block)
-
-    def _strand_blocks(self, now: Time, landing: Landing) -> None:
-        """As `_strand`; hops that had arrived before are as they were."""
-        begun = [block for block in landing.hops if block.sent_ns <= now]
-        for block in begun:
-            if block.arrived_ns > now:
-                block.arrived_ns = NEVER
-                block.fate = Fate.IN_FLIGHT
-        self._close_blocks(begun)
+            self._convoy.send(now, way, *part, above[rows] if above is not None else None, serials)
 
     def _duplicate(self, now: Time, arrival: Time, lane: Lane, frame: Frame) -> None:
         # the channel is the copy's true sender, so the original sender's serials do not shift
@@ -342,7 +261,7 @@ class Traffic:
         if lane.local:
             heappush(
                 self.heap,
-                ((arrival << 3) | _DELIVERY, lane.name, frame.sender, frame.serial, _ARRIVE, (lane, frame, 0, trail)),
+                ((arrival << 3) | DELIVERY, lane.name, frame.sender, frame.serial, ARRIVE, (lane, frame, 0, trail)),
             )
         else:
             self.outbound.append(Transit(arrival, lane.name, frame))
@@ -352,7 +271,7 @@ class Traffic:
         fate, arrival, _ = lane.carry(frame.sender, now, len(frame.payload))
         if fate is not Fate.DELIVERED:
             frame.fate = fate
-            self._push(now, lane.name, frame, _CLOSE, [*trail, frame])
+            self._push(now, lane.name, frame, CLOSE, [*trail, frame])
             return
         frame.arrived_ns = arrival
         frame.fate = Fate.DELIVERED
@@ -368,14 +287,14 @@ class Traffic:
                 self._hop(sent, target, child, trail)
             trail = []  # the first branch carries the trail
         if trail:
-            self._push(arrival, lane.name, frame, _CLOSE, trail)
+            self._push(arrival, lane.name, frame, CLOSE, trail)
 
     def _hop(self, sent: Time, lane: Lane, frame: Frame, trail: list[Frame]) -> None:
         """The last hop of a fused route."""
         fate, arrival, twin = lane.carry(frame.sender, sent, len(frame.payload))
         if fate is not Fate.DELIVERED:
             frame.fate = fate
-            self._push(sent, lane.name, frame, _CLOSE, [*trail, frame])
+            self._push(sent, lane.name, frame, CLOSE, [*trail, frame])
             return
         self._launch(arrival, lane, frame, trail)
         if twin is not None:
@@ -396,31 +315,19 @@ class Traffic:
         box = lane.receiver
         if box is not None:
             box.pending.append(Arrival(lane.port, now, frame.payload, frame.src, frame.id))
-            self._wake_box(now, box)
+            wake_box(self.heap, now, box)
         for forward in lane.forwards:
             route = forward.route
             if route.select is None or route.select(frame.payload):
                 self._await_forward(now, forward, frame)
 
-    def _wake_box(self, now: Time, box: Mailbox) -> None:
-        if box.polled:  # an engine's: its ticks collect the mail
-            return
-        due = ceil_to(now, box.service_ns)
-        if box.due is None or due < box.due:
-            box.due = due
-            heappush(self.heap, ((due << 3) | _WAKEUP, "agent", box.name, 0, _STEP, box))
-
     def _await_forward(self, now: Time, forward: Forward, frame: Frame) -> None:
-        route = forward.route
-        name = f"{route.endpoint}|{route.source}|{route.target}"
+        name = forward.name
         waiting = self._forwarders.get(name)
         if waiting is None:
             waiting = self._forwarders[name] = Forwarder(forward)
         waiting.frames.append(frame)
-        due = ceil_to(now, route.service_ns)
-        if waiting.due != due:
-            waiting.due = due
-            heappush(self.heap, ((due << 3) | _WAKEUP, "", name, 0, _FORWARD, waiting))
+        wake_forwarder(self.heap, ceil_to(now, forward.route.service_ns), waiting)
 
     def _forward(self, now: Time, forwarder: Forwarder) -> None:
         forwarder.due = None
@@ -431,7 +338,7 @@ class Traffic:
             self.transmit(now, lane, child, 0)
 
     def _push(self, time: Time, lane: str, frame: Frame, code: int, data: Any) -> None:
-        heappush(self.heap, ((time << 3) | _DELIVERY, lane, frame.sender, frame.serial, code, data))
+        heappush(self.heap, ((time << 3) | DELIVERY, lane, frame.sender, frame.serial, code, data))
 
     # ---------------------------------------------------------------- what observers are told
 
@@ -440,6 +347,11 @@ class Traffic:
         for observer in self.observers:
             for frame in frames:
                 observer.on_frame(frame)
+
+    def _close_blocks(self, blocks: Sequence[FrameBlock]) -> None:
+        for observer in self.observers:
+            for block in blocks:
+                observer.on_block(block)
 
     def _strand(self, now: Time, frames: Sequence[Frame]) -> None:
         """Record what of a journey had begun by the end; hops that a fused route flew beyond it never were."""

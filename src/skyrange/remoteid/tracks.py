@@ -206,7 +206,7 @@ class TrackTable:
         lat, lon = said.lat_deg[keep], said.lon_deg[keep]
         lat = np.where(np.abs(lat) <= 90.0, lat, np.nan)
         out[:, 0], out[:, 1] = self.origin.to_enu(lat, lon)
-        out[:, 2] = said.alt_geo_m[keep] - self.origin.geoid_m - self.origin.alt_msl_m
+        out[:, 2] = self.origin.msl_of(said.alt_geo_m[keep]) - self.origin.alt_msl_m
         out[:, 3], out[:, 4] = said.speed_mps[keep], said.track_deg[keep] * (math.pi / 180.0)
         out[:, 5] = said.vertical_mps[keep]
         return out

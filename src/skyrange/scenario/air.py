@@ -10,15 +10,14 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationE
 from skyrange.agent.plugins import AVOIDANCE
 from skyrange.agent.settings import Enu
 from skyrange.core.errors import Fault, nearest
+from skyrange.remoteid.profiles import TRANSPORTS
 from skyrange.scenario.base import Id, Model, Number, known, refuse, wrong
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
 
-RECEIVERS = ("companion", "sniffer", "hopper", "phone", "phone-idle")
+ReceiverKind = Literal["companion", "sniffer", "hopper", "phone", "phone-idle"]
 """Kinds of receivers, rows of `radio.receivers.PROFILES`."""
-TRANSPORTS = ("wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth")
-"""Ways to broadcast, rows of `remoteid.profiles.TRANSPORTS`."""
 
 
 class Receiver(Model):
@@ -30,7 +29,7 @@ class Receiver(Model):
     placing: Literal["exact", "clear"] = Field(
         default="exact", description="exact: there; clear: at the nearest place, as high up, that is in no building."
     )
-    kind: Literal["companion", "sniffer", "hopper", "phone", "phone-idle"] = Field(
+    kind: ReceiverKind = Field(
         default="sniffer",
         description="What it listens to, and when: sniffer stays on Wi-Fi channel 6; hopper goes through the Wi-Fi "
         "channels and scans Bluetooth; phone is an app in the foreground, phone-idle one in a pocket; companion has "
@@ -58,9 +57,7 @@ class Radio(Model):
     city_dbm: Number = Field(
         default=-85.0, gt=-200, lt=60, description="How strong those are at any antenna on average, in dBm."
     )
-    aboard: Literal["companion", "sniffer", "hopper", "phone", "phone-idle"] = Field(
-        default="companion", description="The kind of receiver that aircraft carry."
-    )
+    aboard: ReceiverKind = Field(default="companion", description="The kind of receiver that aircraft carry.")
     every_pair: Annotated[bool, Strict()] = Field(
         default=False, description="Record also who could not decode what, and why."
     )
@@ -71,7 +68,7 @@ def _known_transports(names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name not in TRANSPORTS:
             raise wrong(name, "a way to broadcast", nearest(name, TRANSPORTS))
-    kinds = [kind for name in names for kind in (("bt4", "bt5") if name == "bluetooth" else (name,))]
+    kinds = [kind for name in names for kind in TRANSPORTS[name]]
     if len(set(kinds)) < len(kinds):
         raise wrong(", ".join(names), "each way once")
     return names

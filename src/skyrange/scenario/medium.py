@@ -61,7 +61,7 @@ def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Br
     told = vehicle.remote_id or RemoteId()
     origin = scenario.origin.datum
     east_m, north_m = operator.station or (operator.vehicles[0].start.east_m, operator.vehicles[0].start.north_m)
-    station = (*origin.geodetic_of(east_m, north_m), origin.alt_msl_m + origin.geoid_m)
+    station = (*origin.geodetic_of(east_m, north_m), origin.ellipsoid_of(origin.alt_msl_m))
     return Broadcast(
         vehicle_id(operator.id, vehicle.id),
         uas_id=told.uas_id,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -62,7 +62,8 @@ def over_time(
         svg.text(left + (value - first) * x_scale, height - below + 17, svg.label(value, step)) for value in values
     )
     body.append(svg.text((left + width - right) / 2, height - 5, "simulated time, s", extra='opacity=".7"'))
-    body += _legend(subject, width - right, above - 9)
+    shown = {name for group in (lines, twins) for name, line in group.items() if len(line[0])}
+    body += _legend(subject, shown, width - right, above - 9)
     budget = max(60, svg.POINTS // max(len(subject.fleet), 1))
     for group, dashed in ((twins, True), (lines, False)):
         for vehicle in subject.fleet:
@@ -74,10 +75,13 @@ def over_time(
     return Figure(svg.document(width, height, title, body), title)
 
 
-def _legend(subject: Subject, right: float, y: float) -> list[str]:
-    """The operators' names in their colours, ending at `right`; none where there is but one, or too many."""
-    first = {vehicle.operator: vehicle for vehicle in reversed(subject.fleet)}
-    if not 2 <= len(first) <= _MOST_NAMED:
+def _legend(subject: Subject, shown: Collection[str], right: float, y: float) -> list[str]:
+    """The names of the operators of `shown` in their colours, ending at `right`.
+
+    None where the run has but one operator, or too many are shown.
+    """
+    first = {vehicle.operator: vehicle for vehicle in reversed(subject.fleet) if vehicle.id in shown}
+    if len({vehicle.operator for vehicle in subject.fleet}) < 2 or len(first) > _MOST_NAMED:
         return []
     parts = []
     for operator, vehicle in first.items():

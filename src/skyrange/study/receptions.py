@@ -1,28 +1,31 @@
-"""Who heard whom, where, and how strong? The recorded receptions as columns, by claimed link and receiver."""
+"""Who heard whom, where, and how strong? The recorded receptions by the radio that truly sent and the receiver."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S
-from skyrange.record.run import RunRecord
 from skyrange.study.series import Record, vehicles
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST_AIRCRAFT = 40
+"""Of larger fleets only what ground receivers heard is read, since everybody hears everybody."""
 
 
 @dataclass(frozen=True, slots=True)
 class Receptions:
     """One row per reception: `sender` and `receiver` are who sent and who heard, `enu_m` (n, 3) where that one was."""
 
-    time_ns: NDArray[np.int64]
+    time_ns: Ints
     sender: NDArray[np.str_]
     receiver: NDArray[np.str_]
     enu_m: Floats
@@ -32,112 +35,120 @@ class Receptions:
     def __len__(self) -> int:
         return len(self.time_ns)
 
-    def of(self, senders: Iterable[str]) -> Receptions:
-        """Those of some senders."""
-        keep = np.isin(self.sender, list(senders))
-        return Receptions(
-            self.time_ns[keep], self.sender[keep], self.receiver[keep], self.enu_m[keep], self.rssi_dbm[keep],
-            self.decoded[keep],
-        )  # fmt: skip
-
-
-def receptions_of(record: RunRecord) -> Receptions | None:
-    """What a run recorded of them; None where it recorded none."""
-    table = record.table("receptions")
-    if not table.num_rows:
-        return None
-    places = np.stack([table.column(name).to_numpy() for name in ("east_m", "north_m", "up_m")], axis=1)
-    senders = [link.partition(":")[2] for link in table.column("link").to_pylist()]
-    return Receptions(
-        table.column("time_ns").to_numpy(),
-        np.array(senders, dtype=np.str_),
-        np.array(table.column("receiver").to_pylist(), dtype=np.str_),
-        places.astype(np.float64),
-        table.column("rssi_dbm").to_numpy().astype(np.float64),
-        np.array(table.column("outcome").to_pylist()) == "decoded",
-    )
-
-
-def who_heard_whom(heard: Receptions) -> list[dict[str, Any]]:
-    """One row per sender and receiver: how many broadcasts were decoded of how many, and at which median strength."""
-    pairs: dict[tuple[str, str], list[int]] = {}
-    for row, pair in enumerate(zip(heard.sender.tolist(), heard.receiver.tolist(), strict=True)):
-        pairs.setdefault(pair, []).append(row)
-    found = []
-    for (sender, receiver), rows in sorted(pairs.items()):
-        decoded = heard.decoded[rows]
-        strength = heard.rssi_dbm[rows][decoded] if decoded.any() else heard.rssi_dbm[rows]
-        found.append(
-            {
-                "sender": sender,
-                "receiver": receiver,
-                "decoded": int(decoded.sum()),
-                "of": len(rows),
-                "median_dbm": float(np.median(strength)),
-                "most_dbm": float(strength.max()),
-            }
-        )
-    return found
-
-
-MOST_AIRCRAFT = 40
-"""Of larger fleets only what ground receivers heard is read, since everybody hears everybody."""
-
 
 @dataclass(frozen=True, slots=True)
 class Hearing:
-    """What one receiver decoded of one sender: times are ends of receptions.
+    """What one receiver decoded of one sender, of how many recorded receptions.
 
-    `silence_s` is the longest between two, `None` where there was but one.
+    Strengths are those of what was decoded, of all where nothing was. `first_s` and `last_s` are when decoded
+    receptions ended, `None` where there was none; `silence_s` is the longest between two, `None` where there was but
+    one.
     """
 
     receiver: str
     sender: str
     decoded: int
+    of: int
     median_dbm: float
     most_dbm: float
-    first_s: float
-    last_s: float
+    first_s: float | None
+    last_s: float | None
     silence_s: float | None
 
 
+def receptions_of(record: Record, senders: Collection[str]) -> Receptions:
+    """What a run recorded of some senders, in its order."""
+    places = ("east_m", "north_m", "up_m")
+    links = [link_name("rid_up", sender) for sender in senders]
+    found = (
+        Receptions(
+            rows.column("time_ns").to_numpy(),
+            np.array([_sender(link) for link in rows.column("link").to_pylist()], dtype=np.str_),
+            np.array(rows.column("receiver").to_pylist(), dtype=np.str_),
+            np.stack([rows.column(name).to_numpy() for name in places], axis=1).astype(np.float64),
+            _rssi_dbm(rows),
+            _decoded(rows),
+        )
+        for rows in _read(record, "link", links, places)
+    )
+    parts = [_NONE, *found]
+    return Receptions(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Receptions)))
+
+
+def who_heard_whom(record: Record, receivers: Collection[str] | None = None) -> list[Hearing]:
+    """A row per sender and receiver, in the order of their names; `receivers` reads only what these heard."""
+    parts: dict[tuple[str, str], list[tuple[Ints, Floats, NDArray[np.bool_]]]] = {}
+    for rows in _read(record, "receiver", receivers):
+        link, receiver = (rows.column(name).dictionary_encode() for name in ("link", "receiver"))
+        links, names = link.dictionary.to_pylist(), receiver.dictionary.to_pylist()
+        pair = link.indices.to_numpy().astype(np.int64) * len(names) + receiver.indices.to_numpy()
+        found, number = np.unique(pair, return_inverse=True)
+        order = np.argsort(number, kind="stable")
+        ends = np.cumsum(np.bincount(number))[:-1]
+        columns = (rows.column("time_ns").to_numpy(), _rssi_dbm(rows), _decoded(rows))
+        for one, *own in zip(found.tolist(), *(np.split(column[order], ends) for column in columns), strict=True):
+            key = _sender(links[one // len(names)]), names[one % len(names)]
+            parts.setdefault(key, []).append((own[0], own[1], own[2]))
+    return [_hearing(*pair, parts[pair]) for pair in sorted(parts)]
+
+
 def hearings(record: Record) -> list[Hearing]:
-    """What each ground receiver heard, by receiver and sender; then each aircraft of a fleet of `MOST_AIRCRAFT`."""
+    """Whom each ground receiver decoded, by receiver and sender; then each aircraft of a fleet of `MOST_AIRCRAFT`."""
     wanted = [str(row["id"]) for row in record.manifest.get("receivers") or []]
     fleet = [vehicle.id for vehicle in vehicles(record)]
     if len(fleet) <= MOST_AIRCRAFT:
         wanted += fleet
     if not wanted:
         return []
-    parts: dict[tuple[str, str], list[tuple[NDArray[np.int64], Floats]]] = {}
-    for batch in record.batches("receptions", ["time_ns", "link", "receiver", "rssi_dbm", "outcome"]):
-        keep = pc.is_in(batch.column("receiver"), value_set=pa.array(wanted, pa.string()))
-        rows = batch.filter(pc.and_(keep, pc.equal(batch.column("outcome"), "decoded")))
-        if not rows.num_rows:
-            continue
-        pairs = np.array(pc.binary_join_element_wise(rows.column("receiver"), rows.column("link"), "\n").to_pylist())
-        found, number = np.unique(pairs, return_inverse=True)
-        order = np.argsort(number, kind="stable")
-        ends = np.cumsum(np.bincount(number))[:-1]
-        times = np.split(rows.column("time_ns").to_numpy()[order], ends)
-        levels = np.split(rows.column("rssi_dbm").to_numpy()[order], ends)
-        for pair, at_ns, rssi_dbm in zip(found.tolist(), times, levels, strict=True):
-            receiver, link = pair.split("\n")
-            parts.setdefault((receiver, link.partition(":")[2]), []).append((at_ns, rssi_dbm))
     places = {name: place for place, name in enumerate(wanted)}
-    return [_hearing(*pair, parts[pair]) for pair in sorted(parts, key=lambda pair: (places[pair[0]], pair[1]))]
+    found = [row for row in who_heard_whom(record, wanted) if row.decoded]
+    return sorted(found, key=lambda row: (places[row.receiver], row.sender))
 
 
-def _hearing(receiver: str, sender: str, parts: list[tuple[NDArray[np.int64], Floats]]) -> Hearing:
-    seconds = np.sort(np.concatenate([at_ns for at_ns, _ in parts])) / NS_PER_S
-    rssi_dbm = np.concatenate([rssi for _, rssi in parts])
+_NONE = Receptions(
+    np.zeros(0, np.int64), np.zeros(0, np.str_), np.zeros(0, np.str_), np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool)
+)
+
+
+def _read(
+    record: Record, column: str, names: Collection[str] | None, more: Sequence[str] = ()
+) -> Iterator[pa.RecordBatch]:
+    """The rows whose `column` is one of `names`, or all, batch by batch; empty batches are left out."""
+    for batch in record.batches("receptions", ["time_ns", "link", "receiver", "rssi_dbm", "outcome", *more]):
+        kept = batch
+        if names is not None:
+            kept = batch.filter(pc.is_in(batch.column(column), value_set=pa.array(list(names), pa.string())))
+        if kept.num_rows:
+            yield kept
+
+
+def _sender(link: str) -> str:
+    """Whose radio a link leads to: `rid_up:blue/b1` is that of blue/b1."""
+    return link.partition(":")[2]
+
+
+def _rssi_dbm(rows: pa.RecordBatch) -> Floats:
+    strengths: Floats = rows.column("rssi_dbm").to_numpy().astype(np.float64)
+    return strengths
+
+
+def _decoded(rows: pa.RecordBatch) -> NDArray[np.bool_]:
+    decoded: NDArray[np.bool_] = pc.equal(rows.column("outcome"), "decoded").to_numpy(zero_copy_only=False)
+    return decoded
+
+
+def _hearing(sender: str, receiver: str, parts: Sequence[tuple[Ints, Floats, NDArray[np.bool_]]]) -> Hearing:
+    time_ns, rssi_dbm, decoded = (np.concatenate(column) for column in zip(*parts, strict=True))
+    seconds = np.sort(time_ns[decoded]) / NS_PER_S
+    strengths = rssi_dbm[decoded] if len(seconds) else rssi_dbm
     return Hearing(
         receiver,
         sender,
         len(seconds),
-        float(np.median(rssi_dbm)),
-        float(rssi_dbm.max()),
-        float(seconds[0]),
-        float(seconds[-1]),
+        len(time_ns),
+        float(np.median(strengths)),
+        float(strengths.max()),
+        float(seconds[0]) if len(seconds) else None,
+        float(seconds[-1]) if len(seconds) else None,
         float(np.diff(seconds).max()) if len(seconds) > 1 else None,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
 from skyrange.study.marks import marks
-from skyrange.study.receptions import receptions_of
+from skyrange.study.receptions import receptions_of, who_heard_whom
 from skyrange.study.report import chain, effecttable, hearing, words
 from skyrange.study.report.page import asset, ink_rules, sealed
 from skyrange.study.report.sections import LOGO
@@ -234,12 +234,11 @@ def _ensemble(pair: Pair, subject: Subject, effects: Sequence[Mapping[str, Any]]
 
 
 def _hearing(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -> str:
-    heard = receptions_of(run)
-    if heard is None:
+    rows = who_heard_whom(run)
+    if not rows:
         return ""
-    senders = [row["id"] for row in _declared(run) if row.get("radios")]
-    hostile = heard.of(senders)
-    drawing = hearing.hearing_map(subject, heard, senders, places).svg if len(hostile) else ""
+    hostile = receptions_of(run, [row["id"] for row in _declared(run) if row.get("radios")])
+    drawing = hearing.hearing_map(subject, hostile, places).svg if len(hostile) else ""
     shown = (
         '<figure class="card"><figcaption><b>Where the attackers were heard</b> <span class="dim">coloured by signal '
         f'strength in dBm; hollow: not decoded</span></figcaption><div class="plan">{drawing}</div></figure>'
@@ -248,7 +247,7 @@ def _hearing(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -> s
     )
     return (
         '<section id="receptions"><h2>Who heard whom</h2><div class="cols">'
-        f'{shown}<div class="card">{hearing.hearing_table(heard)}</div></div></section>'
+        f'{shown}<div class="card">{hearing.hearing_table(rows)}</div></div></section>'
     )
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
 from skyrange.study import svg
 from skyrange.study.ground import ground_of
-from skyrange.study.receptions import MOST_AIRCRAFT, Hearing, Receptions, who_heard_whom
+from skyrange.study.receptions import MOST_AIRCRAFT, Hearing, Receptions
 from skyrange.study.report import words
 from skyrange.study.subject import Subject
 from skyrange.study.svg import Figure, number
@@ -25,21 +25,20 @@ _COLOURS = ("#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#f7d13d")
 """Weak to strong, after the magma map of matplotlib (public domain), which also reads in grey."""
 
 
-def hearing_map(subject: Subject, heard: Receptions, senders: Collection[str], places: Mapping[str, Place]) -> Figure:
-    """A dot where a receiver was when a broadcast of `senders` reached it, coloured by its strength; hollow where it
-    was not decoded.
+def hearing_map(subject: Subject, heard: Receptions, places: Mapping[str, Place]) -> Figure:
+    """A dot where a receiver was when a broadcast reached it, coloured by its strength; hollow where it was not
+    decoded.
     """
-    own = heard.of(senders)
-    shown = [own.enu_m, *(np.array([place]) for place in places.values())]
+    shown = [heard.enu_m, *(np.array([place]) for place in places.values())]
     ground = ground_of(shown, subject.city, 760.0, LEAST_M)
     body = [ground.buildings()]
-    rows = np.unique(np.linspace(0, len(own) - 1, min(len(own), MOST_DOTS)).astype(np.int64))
+    rows = np.unique(np.linspace(0, len(heard) - 1, min(len(heard), MOST_DOTS)).astype(np.int64))
     for row in rows:
-        x, y = ground.pixels(own.enu_m[row : row + 1])[0].tolist()
-        colour = _COLOURS[int(np.searchsorted(_STEPS_DBM, own.rssi_dbm[row]))]
-        fill = f'fill="{colour}"' if own.decoded[row] else f'fill="none" stroke="{colour}"'
-        who = f"{own.receiver[row]} hears {own.sender[row]}"
-        said = f"{who} at {own.rssi_dbm[row]:.0f} dBm, {own.time_ns[row] * 1e-9:.1f} s"
+        x, y = ground.pixels(heard.enu_m[row : row + 1])[0].tolist()
+        colour = _COLOURS[int(np.searchsorted(_STEPS_DBM, heard.rssi_dbm[row]))]
+        fill = f'fill="{colour}"' if heard.decoded[row] else f'fill="none" stroke="{colour}"'
+        who = f"{heard.receiver[row]} hears {heard.sender[row]}"
+        said = f"{who} at {heard.rssi_dbm[row]:.0f} dBm, {heard.time_ns[row] * 1e-9:.1f} s"
         body.append(f'<circle cx="{number(x)}" cy="{number(y)}" r="3.4" {fill}><title>{escape(said)}</title></circle>')
     body.append(spots(ground, places))
     body += [ground.legend(), _key()]
@@ -47,20 +46,19 @@ def hearing_map(subject: Subject, heard: Receptions, senders: Collection[str], p
     return Figure(svg.document(ground.width, ground.height, title, body), title)
 
 
-def hearing_table(heard: Receptions) -> str:
+def hearing_table(rows: Sequence[Hearing]) -> str:
     """Who heard whom."""
-    rows = who_heard_whom(heard)
     table = words.table(
         "Who heard whom",
         ["sender", "receiver"],
         ["decoded", "of", "median", "strongest"],
         (
-            f"<tr><th scope=row>{escape(row['sender'])}</th><td>{escape(row['receiver'])}</td>"
+            f"<tr><th scope=row>{escape(row.sender)}</th><td>{escape(row.receiver)}</td>"
             + words.cells(
-                words.count(row["decoded"]),
-                words.count(row["of"]),
-                words.quantity(row["median_dbm"], "dBm", 0),
-                words.quantity(row["most_dbm"], "dBm", 0),
+                words.count(row.decoded),
+                words.count(row.of),
+                words.quantity(row.median_dbm, "dBm", 0),
+                words.quantity(row.most_dbm, "dBm", 0),
             )
             + "</tr>"
             for row in rows[:MOST_PAIRS]
@@ -88,7 +86,7 @@ def heard_section(rows: Sequence[Hearing], fleet: int, end_s: float) -> str:
                 words.quantity(row.median_dbm, "dBm", 0),
                 words.quantity(row.most_dbm, "dBm", 0),
                 words.quantity(row.silence_s, "s", 1),
-                words.quantity(max(end_s - row.last_s, 0.0), "s", 1),
+                words.quantity(None if row.last_s is None else max(end_s - row.last_s, 0.0), "s", 1),
             )
             + "</tr>"
             for row in rows[:MOST_PAIRS]
