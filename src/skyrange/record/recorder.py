@@ -47,7 +47,7 @@ from skyrange.record.spool import SPOOL, Spool, cannot_write
 from skyrange.record.ticks import SensorTick, TruthTick, sensor_batch, sensor_values, truth_batch, truth_words
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
-_BLOCK_ROWS = 32_768  # of blocks, which are few objects: some 4 MB
+_BLOCK_ROWS = 16_384  # of blocks, which are few objects: two or three megabytes
 
 
 @dataclass(slots=True)
