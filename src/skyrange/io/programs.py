@@ -1,4 +1,4 @@
-"""How is another program run so that it never outlives us? Started in a folder of its own, killed with whoever began it.
+"""How is another program run so that it never outlives us? In a folder of its own, killed with whoever began it.
 
 On Linux the kernel kills a child when the thread that started it ends (prctl(2), PR_SET_PDEATHSIG), so that even
 `kill -9` leaves no orphan; elsewhere only an orderly end does. Start programs from a thread that stays.
@@ -51,9 +51,9 @@ class Program:
 
         try:
             with self._output.open("wb") as output:
-                self._process = subprocess.Popen(
+                self._process = subprocess.Popen(  # noqa: S603 (what is run is the caller's to check)
                     list(command), cwd=folder, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
-                    start_new_session=True, preexec_fn=bind_to_us,  # noqa: PLW1509 (no thread of ours holds a lock)
+                    start_new_session=True, preexec_fn=bind_to_us,
                 )  # fmt: skip
         except OSError as error:
             raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error

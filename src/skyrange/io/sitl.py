@@ -48,8 +48,8 @@ class Sitl:
     ) -> None:
         """Start it in `folder`, which is empty and its own; returns at once.
 
-        `home` is latitude and longitude in degrees, metres above mean sea level and heading in degrees; `parameters` the
-        text of a file of defaults. `ComponentError` where it cannot be started.
+        `home` is latitude and longitude in degrees, metres above mean sea level and heading in degrees; `parameters`
+        the text of a file of defaults. `ComponentError` where it cannot be started.
         """
         self.name = name
         self.folder = folder
@@ -159,7 +159,9 @@ class Sitl:
         """The error of an instance that cannot go on: what happened, how it ended, and its last words."""
         ended = self.program.ended
         words = self.program.last_words()
-        return ComponentError(self.name, what + (f" ({ended})" if ended else ""), f"It said last:\n{words}" if words else "")
+        return ComponentError(
+            self.name, what + (f" ({ended})" if ended else ""), f"It said last:\n{words}" if words else ""
+        )
 
 
 def wall_s() -> float:

@@ -31,13 +31,14 @@ from skyrange.vehicle.ardupilot.binary import find
 from skyrange.vehicle.ardupilot.gnss import Receivers
 from skyrange.vehicle.ardupilot.inventory import parameters_of
 from skyrange.vehicle.ardupilot.packets import Motion, between, commands_of, lines, motion_of, stamp_s
+from skyrange.vehicle.ardupilot.witness import POSITIONED, REPORTS, Witness
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 QUANTUM_NS: Time = 2_500_000
 """The world's tick; the first exchange tells whether it is."""
 PREROLL_NS: Time = 45 * NS_PER_S
-"""Until an ArduPilot that stands still may be armed: its estimator wants to have seen the compass and GNSS for so long."""
+"""Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
 START_S = 30.0
 """Wall seconds in which a process has to have come up."""
 
@@ -57,12 +58,16 @@ class _Instance:
     per_tick: int
     ticks: int
     """Exchanges per tick, ticks per exchange: one of them is 1."""
-    gnss: Packer
+    onboard: Packer
+    """Ours on the private port."""
     sitl: Sitl | None = None
     steps: int = 0
     status: InstanceStatus = InstanceStatus.BOOTING
     deframer: Deframer = field(default_factory=Deframer)
     private: Deframer = field(default_factory=Deframer)
+    witness: Witness = field(default_factory=Witness)
+    asked: int = 0
+    """How many of `witness.REPORTS` the private port has been asked for."""
 
     @property
     def step_ns(self) -> Time:
@@ -127,13 +132,11 @@ class ArduPilotFleet:
         self._folder = TemporaryDirectory(prefix="skyrange-")
         for row, spec in enumerate(self._specs):
             lag_ms = int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS
-            values = parameters.start_values(
-                spec.vehicle, AIRFRAMES[spec.airframe], spec.params, self._listed, lag_ms
-            )
+            values = parameters.start_values(spec.vehicle, AIRFRAMES[spec.airframe], spec.params, self._listed, lag_ms)
             per_tick, ticks = parameters.steps_of(values, self._listed, QUANTUM_NS / NS_PER_S)
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
             self._instances.append(_Instance(spec, values, per_tick, ticks, packer))
-        for row, one in enumerate(self._instances):
+        for one in self._instances:
             folder = Path(self._folder.name) / one.spec.vehicle.replace("/", "-")
             folder.mkdir()
             east_m, north_m, up_m = one.spec.home_enu_m
@@ -173,17 +176,19 @@ class ArduPilotFleet:
             one = self._instances[self._places[arrival.port]]
             if one.alive and one.sitl is not None:
                 one.sitl.write(0, arrival.payload)
+                one.witness.uploaded(arrival.payload)
         for row in self._receivers.fresh(sensors, QUANTUM_NS):
             one = self._instances[row]
             if one.alive and one.sitl is not None:
-                one.sitl.write(1, one.gnss.pack(self._receivers.message(sensors, row)))
+                one.sitl.write(1, one.onboard.pack(self._receivers.message(sensors, row)))
         after = motion_of(sensors, self._home_up_m)
         self._before, self._now = (self._now if self._now is not None else after), after
         self._send(0)
 
     def _send(self, turn: int) -> None:
         """Give each process that has more than `turn` steps in this tick that one."""
-        assert self._before is not None and self._now is not None
+        assert self._before is not None
+        assert self._now is not None
         due = [
             row
             for row, one in enumerate(self._instances)
@@ -230,9 +235,27 @@ class ArduPilotFleet:
         assert sitl is not None
         if not sitl.accept():
             return
+        for piece in one.private.feed(sitl.read(1)):
+            if not piece.garbage:
+                for kind, data in one.witness.reported(tick, decode(piece.data)):
+                    if tick >= 0:
+                        outbox.note(kind, one.spec.vehicle, data)
         for piece in one.deframer.feed(sitl.read(0)):
             if tick >= 0:
                 outbox.send(self.ports[row], piece.data)
-        for piece in one.private.feed(sitl.read(1)):
-            if not piece.garbage and one.status is InstanceStatus.BOOTING and decode(piece.data).get_type() == "HEARTBEAT":
+                for kind, data in one.witness.said(piece.data) if not piece.garbage else ():
+                    outbox.note(kind, one.spec.vehicle, data)
+        if one.status is InstanceStatus.BOOTING:
+            if one.witness.mode >= 0 and one.asked < len(REPORTS):
+                self._ask(one)
+            if one.witness.flags & POSITIONED:
                 one.status = InstanceStatus.READY
+
+    def _ask(self, one: _Instance) -> None:
+        """Ask the private port for its next report."""
+        number, rate_hz = list(REPORTS.items())[one.asked]
+        ask = dialect.MAVLink_command_long_message(
+            one.spec.system_id, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, 1e6 / rate_hz, 0, 0, 0, 0, 0
+        )
+        assert one.sitl is not None
+        one.asked += one.sitl.write(1, one.onboard.pack(ask))

@@ -27,7 +27,10 @@ _STATION: Final = 255
 
 @lru_cache(maxsize=8)
 def parameters_of(binary: Path, sha256: str) -> Mapping[str, float]:
-    """Every parameter of a firmware with its default; `sha256` names the file. `ComponentError` where it does not answer."""
+    """Every parameter of a firmware with its default; `sha256` names the file.
+
+    `ComponentError` where it does not answer.
+    """
     with TemporaryDirectory(prefix="skyrange-") as folder:
         sitl = Sitl(
             f"arducopter {binary.name}", binary, Path(folder), home=(0.0, 1.0, 0.0, 0.0), system_id=1, start_unix_s=1,

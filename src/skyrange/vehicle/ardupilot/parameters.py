@@ -35,7 +35,11 @@ OURS: Final = {
     "INS_ACC2SCAL_X": 1.001,
     "INS_ACC2SCAL_Y": 1.001,
     "INS_ACC2SCAL_Z": 1.001,
-    **{f"COMPASS_OFS{number}_{axis}": value for number in ("", "2", "3") for axis, value in zip("XYZ", (5.0, 13.0, -18.0), strict=True)},
+    **{
+        f"COMPASS_OFS{number}_{axis}": value
+        for number in ("", "2", "3")
+        for axis, value in zip("XYZ", (5.0, 13.0, -18.0), strict=True)
+    },
     "BATT_MONITOR": 4.0,
     "FS_THR_ENABLE": 0.0,  # there is no radio control, but sticks that rest: its simulation's own
     "LOG_BACKEND_TYPE": 0.0,
