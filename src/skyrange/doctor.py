@@ -17,7 +17,10 @@ from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at: what was found, whether it will do, and what to do if not. An `optional` one may lack."""
+    """One thing looked at: what was found, whether it will do, and what to do if not.
+
+    The range works without one that is `optional`.
+    """
 
     subject: str
     found: str
