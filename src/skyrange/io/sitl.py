@@ -1,8 +1,9 @@
 """How is one ArduPilot SITL process reached? Its JSON physics backend over UDP, two of its serial ports over TCP.
 
-The process connects out to us, to ports of the loopback that the system chose and that we hold: nothing of it listens,
-and any number of runs share a machine. Its RC input would listen on all interfaces (AP_RCProtocol_UDP.cpp, `init`); we
-hold that port ourselves, so it has no radio control.
+The process connects out to us, to ports of the loopback that the system chose and that we hold, so any number of runs
+share a machine. One thing of it listens, and cannot be confined: RC input, on UDP and all interfaces
+(AP_RCProtocol_UDP.cpp, `init`). Without that port it has no sticks in the middle, and takes theirs for deflected; we
+choose and hold it too, so that no other program takes it, and what comes from this machine ends with us.
 
 One exchange: a line of JSON goes in, one step of its time passes, a servo packet comes out. It sends a servo packet
 again after a second of silence, under the same count (SIM_JSON.cpp `recv_fdm`, `output_servos`). Everything that it
@@ -64,14 +65,15 @@ class Sitl:
             listener.setblocking(False)
         self.serial: list[socket.socket | None] = [None, None]
         self._peer: tuple[str, int] | None = None
-        port = self._physics.getsockname()[1]
+        self._sticks = _bound(socket.SOCK_DGRAM, shared=True)
+        port, sticks = self._physics.getsockname()[1], self._sticks.getsockname()[1]
         paths = [f"tcpclient:{LOOPBACK}:{listener.getsockname()[1]}" for listener in self._listeners]
         self.program = Program(
             name,
             [
                 str(binary), "--model", f"JSON:{LOOPBACK}", "--home", ",".join(f"{part:.9f}" for part in home),
                 "--defaults", "defaults.parm", "--sysid", str(system_id), "--start-time", str(start_unix_s),
-                "--sim-port-out", str(port), "--rc-in-port", str(port), "--serial0", paths[0], "--serial1", paths[1],
+                "--sim-port-out", str(port), "--rc-in-port", str(sticks), "--serial0", paths[0], "--serial1", paths[1],
                 *(part for number in range(2, 6) for part in (f"--serial{number}", f"none:{number}")), *options,
             ],
             folder,
@@ -149,7 +151,7 @@ class Sitl:
     def close(self) -> None:
         """End the process and give the ports back. Again does nothing."""
         self.program.kill()
-        for each in (self._physics, *self._listeners, *self.serial):
+        for each in (self._physics, self._sticks, *self._listeners, *self.serial):
             if each is not None:
                 each.close()
 
@@ -165,7 +167,9 @@ def wall_s() -> float:
     return monotonic()
 
 
-def _bound(kind: socket.SocketKind) -> socket.socket:
+def _bound(kind: socket.SocketKind, shared: bool = False) -> socket.socket:
     made = socket.socket(socket.AF_INET, kind)
+    if shared:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     made.bind((LOOPBACK, 0))
     return made

@@ -37,7 +37,7 @@ OURS: Final = {
     "INS_ACC2SCAL_Z": 1.001,
     **{f"COMPASS_OFS{number}_{axis}": value for number in ("", "2", "3") for axis, value in zip("XYZ", (5.0, 13.0, -18.0), strict=True)},
     "BATT_MONITOR": 4.0,
-    "FS_THR_ENABLE": 0.0,  # there is no radio control
+    "FS_THR_ENABLE": 0.0,  # there is no radio control, but sticks that rest: its simulation's own
     "LOG_BACKEND_TYPE": 0.0,
     "GPS1_TYPE": 14.0,
     "MAV2_OPTIONS": 2.0,
