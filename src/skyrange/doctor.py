@@ -74,7 +74,7 @@ def _ardupilot() -> Finding:
     can = ", ".join(binary.capabilities) or "no capability that is looked for"
     try:
         answer = ask(binary.path, "--help", deadline_s=ANSWER_S)
-        confirm(str(binary.path), answer.code, answer.text)
+        confirm(str(binary.path), answer.ended, answer.text)
     except ComponentError as error:
         hint = f"Optional. {error}"
         return Finding("ardupilot", f"{what}; does not run as it should", False, hint, optional=True)

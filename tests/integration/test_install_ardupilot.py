@@ -186,9 +186,12 @@ def test_help_names_the_version_that_is_fetched(
         (copter("4.6.3"), f"sent ArduCopter 4.6.3; expected version {DEFAULT_VERSION}"),
         (copter()[:-1000], "cut off"),
         (b"", "an empty file"),
-        (program(b"no such option\n", firmware(f"ArduCopter V{DEFAULT_VERSION}"), code=3), "ended with 3: no such"),
+        (
+            program(b"no such option\n", firmware(f"ArduCopter V{DEFAULT_VERSION}"), code=3),
+            "ended with exit 3: no such",
+        ),
         (program(b"hello", firmware(f"ArduCopter V{DEFAULT_VERSION}")), "does not list --model"),
-        (elf(body=firmware(f"ArduCopter V{DEFAULT_VERSION}")), "`--help` ended with -"),  # a crash
+        (elf(body=firmware(f"ArduCopter V{DEFAULT_VERSION}")), "`--help` ended with signal SIG"),  # a crash
     ],
 )
 def test_a_wrong_file_leaves_nothing(server: type[Server], tmp_path: Path, sent: bytes, said: str) -> None:
@@ -364,7 +367,7 @@ def test_a_file_that_will_not_do(server: type[Server], tmp_path: Path) -> None:
         install("4.6.2", good)
     broken = tmp_path / "broken"
     broken.write_bytes(program(b"GLIBC_2.99 not found\n", firmware(), code=1))
-    with pytest.raises(ComponentError, match=f"{broken}: `--help` ended with 1: GLIBC_2.99 not found"):
+    with pytest.raises(ComponentError, match=f"{broken}: `--help` ended with exit 1: GLIBC_2.99 not found"):
         install(source=broken)
     assert left(tmp_path) == []
 
@@ -420,4 +423,4 @@ def test_the_doctor_says_what_was_found(server: type[Server], tmp_path: Path, mo
     bad = _ardupilot()
     assert (bad.ok, bad.optional) == (False, True)
     assert "does not run" in bad.found
-    assert "`--help` ended with 1" in bad.hint
+    assert "`--help` ended with exit 1" in bad.hint

@@ -195,11 +195,11 @@ def test_versions_sort_as_they_were_released() -> None:
 
 def test_an_answer_must_be_that_of_sitl() -> None:
     text = "Options:\n" + "\n".join(f"\t{option} X" for option in OPTIONS)
-    confirm("it", 0, text)
-    with pytest.raises(ComponentError, match=r"it: `--help` ended with 1: no GLIBC"):
-        confirm("it", 1, "no GLIBC\n")
+    confirm("it", "exit 0", text)
+    with pytest.raises(ComponentError, match=r"it: `--help` ended with exit 1: no GLIBC"):
+        confirm("it", "exit 1", "no GLIBC\n")
     with pytest.raises(ComponentError, match="--start-time"):
-        confirm("it", 0, text.replace("--start-time", "--fg"))
+        confirm("it", "exit 0", text.replace("--start-time", "--fg"))
 
 
 def test_an_arducopter_that_is_named_will_do() -> None:
@@ -215,4 +215,4 @@ def test_the_real_one_answers() -> None:
     assert ARDUCOPTER is not None
     assert "lockstep" in ARDUCOPTER.capabilities
     answer = ask(ARDUCOPTER.path, "--help", deadline_s=10.0)
-    confirm("arducopter", answer.code, answer.text)
+    confirm("arducopter", answer.ended, answer.text)

@@ -178,7 +178,7 @@ def _place(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Bina
     if wanted is not None and found.version != wanted:
         raise InputError.one("arducopter", str(path), f"ArduCopter {found.version}", f"version {wanted}")
     answer = ask(path, "--help", deadline_s=ANSWER_S, who=origin)
-    confirm(origin, answer.code, answer.text)
+    confirm(origin, answer.ended, answer.text)
     target = data_folder() / found.version / PROGRAM
     target.parent.mkdir(exist_ok=True)
     path.replace(target)

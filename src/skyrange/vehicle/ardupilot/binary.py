@@ -180,11 +180,11 @@ def order(version: str) -> tuple[tuple[int, ...], int, int]:
     return tuple(map(int, found[1].split("."))), stages.get(found[2].lower(), 3), int(found[3] or 0)
 
 
-def confirm(who: str, code: int, text: str) -> None:
-    """Check what `who` answered to `--help`: exit code and text. `ComponentError` if it is not as SITL's is."""
-    if code != 0:
+def confirm(who: str, ended: str, text: str) -> None:
+    """Check what `who` answered to `--help`: how it ended, and the text. `ComponentError` if it is not as SITL's is."""
+    if ended != "exit 0":
         said = text.strip().splitlines()
-        raise ComponentError(who, f"`--help` ended with {code}" + (f": {said[-1][:200]}" if said else ""))
+        raise ComponentError(who, f"`--help` ended with {ended}" + (f": {said[-1][:200]}" if said else ""))
     missing = [option for option in OPTIONS if option not in text]
     if missing:
         raise ComponentError(who, f"`--help` does not list {', '.join(missing)}", _HOW_TO_GET)
