@@ -9,7 +9,7 @@ import re
 import shlex
 import shutil
 import stat
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -30,6 +30,9 @@ SUPPORTED: Final = (4, 6)
 MOST_BYTES: Final = 256 << 20
 """A file larger than this is not read; ArduPilot's own are 4 to 10 MB, with debug symbols 80 MB."""
 
+ANSWER_S: Final = 10.0
+"""Wall time in which a binary must answer `--help`; it takes some 10 ms."""
+
 OPTIONS: Final = (
     "--model",
     "--home",
@@ -41,6 +44,13 @@ OPTIONS: Final = (
     "--sysid",
 )
 """Options of the command line that the engine uses, as `--help` must list them."""
+
+CAPABILITIES: Final = {
+    "lockstep": b"no_time_sync\0",
+    "GNSS over MAVLink": b"AP_GPS_MAV",
+    "Open Drone ID": b"OpenDroneID",
+}
+"""What a build may have or lack, and what stands in the file then: a key of the JSON backend, names of classes."""
 
 _FIRMWARE: Final = re.compile(
     rb"(ArduCopter|APM:Copter|ArduPlane|APM:Plane|ArduRover|APM:Rover|ArduSub|Blimp|AntennaTracker|AP_Periph)"
@@ -60,16 +70,20 @@ _HOW_TO_GET: Final = f"Run `skyrange install ardupilot`, or set {VARIABLE} to an
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """An ArduCopter for SITL: `version` as its firmware says ("4.6.3", "4.7.0-dev"), `sha256` in hex of the file."""
+    """An ArduCopter for SITL: `version` as its firmware says ("4.6.3", "4.7.0-dev"), `sha256` in hex of the file.
+
+    `capabilities` are those of `CAPABILITIES` that were built in.
+    """
 
     path: Path
     sha256: str
     version: str
     source: Source
+    capabilities: tuple[str, ...] = ()
 
 
-_seen: dict[tuple[str, int, int], tuple[str, str]] = {}
-"""SHA-256 and version of files already read, by path, size and time of change."""
+_seen: dict[tuple[str, int, int], Binary] = {}
+"""Files already read and found good, by path, size and time of change."""
 
 
 def data_folder() -> Path:
@@ -100,12 +114,12 @@ def find() -> Binary:
     raise InputError.one("ArduPilot", places, "no arducopter", "ArduPilot's ArduCopter for SITL", _HOW_TO_GET)
 
 
-def examine(path: Path, source: Source = "installed", *, who: str = "") -> Binary:
+def examine(path: Path, source: Source = "installed") -> Binary:
     """Look into a file without running it: a whole program for this machine, and an ArduCopter not too old.
 
-    Raises `InputError`, blaming `who` (the source, if not given), with what the file is instead.
+    Raises `InputError`, blaming the source, with what the file is instead.
     """
-    who = who or {VARIABLE: VARIABLE, "PATH": "arducopter on PATH", "installed": "installed arducopter"}[source]
+    who = {VARIABLE: VARIABLE, "PATH": "arducopter on PATH", "installed": "installed arducopter"}[source]
     path = path.absolute()
     where = str(path)
     try:
@@ -121,15 +135,16 @@ def examine(path: Path, source: Source = "installed", *, who: str = "") -> Binar
         key = (where, facts.st_size, facts.st_mtime_ns)
         if key not in _seen:
             data = path.read_bytes()
-            _seen[key] = (hashlib.sha256(data).hexdigest(), _version(data, who, where))
+            version = _version(data, who, where)
+            capabilities = tuple(name for name, mark in CAPABILITIES.items() if mark in data)
+            _seen[key] = Binary(path, hashlib.sha256(data).hexdigest(), version, source, capabilities)
     except OSError as error:
         problem = (error.strerror or str(error)).lower()
         raise InputError.one(who, where, problem, "an arducopter file that can be read", _HOW_TO_GET) from None
     if not os.access(path, os.X_OK):
         hint = f"Allow it: chmod +x {shlex.quote(where)}"
         raise InputError.one(who, where, "a file that may not be run", "an executable", hint)
-    sha256, version = _seen[key]
-    return Binary(path, sha256, version, source)
+    return replace(_seen[key], source=source)
 
 
 def _version(data: bytes, who: str, where: str) -> str:
@@ -165,12 +180,11 @@ def order(version: str) -> tuple[tuple[int, ...], int, int]:
     return tuple(map(int, found[1].split("."))), stages.get(found[2].lower(), 3), int(found[3] or 0)
 
 
-def confirm(binary: Binary, code: int, text: str) -> None:
-    """Check what a binary answered to `--help`: exit code and text. `ComponentError` if it is not as SITL's is."""
-    who = str(binary.path)
-    if code != 0:
+def confirm(who: str, ended: str, text: str) -> None:
+    """Check what `who` answered to `--help`: how it ended, and the text. `ComponentError` if it is not as SITL's is."""
+    if ended != "exit 0":
         said = text.strip().splitlines()
-        raise ComponentError(who, f"`--help` ended with {code}" + (f": {said[-1][:200]}" if said else ""))
+        raise ComponentError(who, f"`--help` ended with {ended}" + (f": {said[-1][:200]}" if said else ""))
     missing = [option for option in OPTIONS if option not in text]
     if missing:
         raise ComponentError(who, f"`--help` does not list {', '.join(missing)}", _HOW_TO_GET)
