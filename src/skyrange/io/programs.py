@@ -7,6 +7,7 @@ On Linux the kernel kills a child when the thread that started it ends (prctl(2)
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import signal
 import subprocess
@@ -79,6 +80,15 @@ class Program:
             return f"signal {signal.Signals(-code).name}"
         except ValueError:
             return f"signal {-code}"
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that it has taken, user and system, in seconds; NaN where the system does not tell (/proc)."""
+        try:
+            told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return math.nan
+        return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
 
     def last_words(self, lines: int = 8) -> str:
         """The last lines that it said, "" for none."""

@@ -183,6 +183,11 @@ class ArduPilotFleet:
             self._folder.cleanup()
             self._folder = None
 
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that the processes have taken so far, in seconds."""
+        return sum(one.sitl.program.cpu_s for one in self._instances if one.sitl is not None)
+
     # ---------------------------------------------------------------- a tick
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
