@@ -33,6 +33,7 @@ class Lifter:
     clock: Any = "lockstep"
     repeatable: Any = "bytes"
     preroll_ns: Any = 0
+    moves: Any = ()
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], *given: object) -> None:
         self.name = name
