@@ -206,7 +206,6 @@ def follow(
     far a jump went; the rest as in `multirotor.advance`, whose `stride` grows where one of these went farther.
     """
     events = 0
-    half = 0.5 * step_s
     for k in range(rows.shape[0]):
         i = rows[k]
         fell = 0.0
@@ -253,7 +252,7 @@ def follow(
         ny += velocity[i, 1] * step_s
         nz = max(nz + velocity[i, 2] * step_s, ground)  # nobody is below the ground
         attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = multirotor.turned(
-            qw, qx, qy, qz, half * rates[i, 0], half * rates[i, 1], half * rates[i, 2]
+            qw, qx, qy, qz, step_s * rates[i, 0], step_s * rates[i, 1], step_s * rates[i, 2]
         )
 
         height[i] = nz - ground

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,17 +15,17 @@ from numpy.typing import NDArray
 from skyrange.agent.contracts import Floats, Poses, Sensors, Source
 from skyrange.agent.messages import Note
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
+from skyrange.world.bodies import Body, check_bodies
 from skyrange.world.collisions import Bodies
 from skyrange.world.contacts import Contacts
 from skyrange.world.imposed import Imposed
 from skyrange.world.nearness import shape_row
 from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
-from skyrange.world.wind import CALM, Wind, faults_of
+from skyrange.world.wind import CALM, Wind
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -34,23 +33,6 @@ if TYPE_CHECKING:
 DEFAULT_QUANTUM_NS: Time = 2_500_000
 _NO_NOTES: tuple[Note, ...] = ()
 _NO_CHANCE = Chance(0)
-
-
-@dataclass(frozen=True, slots=True)
-class Body:
-    """One aircraft and where it stands at the start.
-
-    `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors
-    off. `heading_deg` is clockwise from north; `charge` is the battery's, 0 to 1.
-    """
-
-    vehicle: str
-    airframe: str
-    east_m: float
-    north_m: float
-    up_m: float = 0.0
-    heading_deg: float = 0.0
-    charge: float = 1.0
 
 
 class World:
@@ -70,7 +52,7 @@ class World:
         sensors: SensorSpec = IDEAL,
     ) -> None:
         """`chance` is where turbulence comes from. Raises InputError with every fault of the bodies at once."""
-        _check(bodies, quantum_ns, wind, city)
+        check_bodies(bodies, quantum_ns, wind, city)
         n = len(bodies)
         names = sorted({body.airframe for body in bodies})
         step_s = quantum_ns / NS_PER_S
@@ -366,41 +348,3 @@ class World:
         ):
             columns[name] = values.copy()
         return columns
-
-
-def _check(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:
-    """Raise one InputError with all faults of a world's arguments."""
-    faults = []
-    seen: set[str] = set()
-    for body in bodies:
-        if body.vehicle in seen:
-            faults.append(Fault(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
-        seen.add(body.vehicle)
-        if body.airframe not in AIRFRAMES:
-            faults.append(
-                Fault(
-                    f"{body.vehicle}.airframe",
-                    repr(body.airframe),
-                    "a known airframe",
-                    nearest(body.airframe, AIRFRAMES),
-                )
-            )
-        for name in ("east_m", "north_m", "up_m", "heading_deg"):
-            value = getattr(body, name)
-            if not math.isfinite(value):
-                faults.append(Fault(f"{body.vehicle}.{name}", repr(value), "a finite number"))
-        if not 0.0 <= body.charge <= 1.0:
-            faults.append(Fault(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
-        if body.up_m < 0.0:
-            faults.append(Fault(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
-        place = (body.east_m, body.north_m, body.up_m)
-        building = city.inside(*place) if city is not None and all(map(math.isfinite, place)) else None
-        if building is not None:
-            faults.append(Fault(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there"))
-    if not bodies:
-        faults.append(Fault("bodies", "none", "at least one aircraft"))
-    if quantum_ns <= 0:
-        faults.append(Fault("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
-    faults += faults_of(wind)
-    if faults:
-        raise InputError("world", faults)
