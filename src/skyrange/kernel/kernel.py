@@ -173,9 +173,13 @@ class Kernel:
         return cast("Watcher", self._seats[name].agent)
 
     def finish(self) -> None:
-        """End the run at `now`: frames still under way are recorded as such. Idempotent."""
+        """End the run at `now`: frames still under way are recorded as such, programs are ended. Idempotent."""
         if not self._ended:
             self._ended = True
+            for berth in self._berths:
+                close = getattr(berth.engine, "close", None)
+                if close is not None:
+                    close()
             self._traffic.strand_all(self.now)
 
     def fork(self, observers: Sequence[Observer]) -> Kernel:
