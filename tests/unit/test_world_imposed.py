@@ -1,4 +1,4 @@
-"""Do bodies follow the poses that an engine imposes, and meet the world as others do, without a change to the others?"""
+"""Do bodies follow imposed poses, meet the world as others do, and leave the others to the bit as they are?"""
 
 from __future__ import annotations
 
@@ -230,7 +230,9 @@ def test_what_is_led_pushes_what_is_in_its_way():
 
 def test_a_wall_is_noted_and_flown_through():
     far = shapely.box(500.0, 500.0, 510.0, 510.0)
-    city = City([Building(f"b{i}", 30.0, shape) for i, shape in enumerate((shapely.box(5.0, -9.0, 8.0, 9.0), far))], "t")
+    city = City(
+        [Building(f"b{i}", 30.0, shape) for i, shape in enumerate((shapely.box(5.0, -9.0, 8.0, 9.0), far))], "t"
+    )
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 15.0), led=[0], city=city)
     notes = _straight(world, 0, (0.0, 0.0, 15.0), (5.0, 0.0, 0.0), 1200)
     (hit,) = notes
@@ -242,7 +244,9 @@ def test_a_wall_is_noted_and_flown_through():
 
 def test_a_roof_is_ground():
     far = shapely.box(500.0, 500.0, 510.0, 510.0)
-    city = City([Building(f"b{i}", 12.0, shape) for i, shape in enumerate((shapely.box(-9.0, -9.0, 9.0, 9.0), far))], "t")
+    city = City(
+        [Building(f"b{i}", 12.0, shape) for i, shape in enumerate((shapely.box(-9.0, -9.0, 9.0, 9.0), far))], "t"
+    )
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0], city=city)
     notes = _straight(world, 0, (0.0, 0.0, 20.0), (0.0, 0.0, -1.0), 8 * 400)
     assert notes[0].kind == "event.contact"
