@@ -118,9 +118,9 @@ def test_without_another_pose_it_goes_on_for_a_while_and_then_stands():
     truth = world.truth()
     assert (truth["vel_east_mps"][0], truth["rate_z_radps"][0]) == (0.0, 0.0)
     assert 2.0 * math.atan2(truth["qz"][0], truth["qw"][0]) == pytest.approx(CARRY_S)
-    world.impose(slice(None), _pose((20.0, 0.0, 20.0), (8.0, 0.0, 0.0)))  # it comes back, and is no jump
+    world.impose(slice(None), _pose((6.0, 0.0, 20.0), (8.0, 0.0, 0.0)))  # it comes back, and is no jump
     assert list(world.advance(1000 * QUANTUM_NS)) == []
-    assert world._position[0, 0] == pytest.approx(20.0 + 8.0 * QUANTUM_S)
+    assert world._position[0, 0] == pytest.approx(6.0 + 8.0 * QUANTUM_S)
 
 
 def test_rows_that_are_not_fresh_are_not_read():
@@ -228,11 +228,26 @@ def test_what_is_led_pushes_what_is_in_its_way():
     assert world._velocity[0].tolist() == [3.0, 0.0, 0.0]
 
 
-def test_a_wall_is_noted_and_flown_through():
+def test_what_overlaps_is_pushed_out_whole():
+    """All of the way out is the other's, for what is led gives none."""
+    start = 2.0 * IRIS.radius_m - 0.2
+    for led in (0, 1):
+        bodies = [Body("blue/a", "iris", 0.0, 0.0, 50.0), Body("green/b", "iris", start, 0.0, 50.0)]
+        world = _world(*bodies, led=[led])
+        world._velocity[1 - led] = (1.0 if led else -1.0, 0.0, 0.0)
+        notes = world.advance(QUANTUM_NS)
+        assert _kinds(notes) == [("event.collision", "blue/a"), ("event.collision", "green/b")]
+        assert world._position[led].tolist() == [start * led, 0.0, 50.0]
+        assert abs(world._position[1, 0] - world._position[0, 0]) == pytest.approx(2.0 * IRIS.radius_m, abs=1e-9)
+
+
+def _block(*shape: float, height_m: float) -> City:
     far = shapely.box(500.0, 500.0, 510.0, 510.0)
-    city = City(
-        [Building(f"b{i}", 30.0, shape) for i, shape in enumerate((shapely.box(5.0, -9.0, 8.0, 9.0), far))], "t"
-    )
+    return City([Building(f"b{i}", height_m, box) for i, box in enumerate((shapely.box(*shape), far))], "test")
+
+
+def test_a_wall_is_noted_and_flown_through():
+    city = _block(5.0, -9.0, 8.0, 9.0, height_m=30.0)
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 15.0), led=[0], city=city)
     notes = _straight(world, 0, (0.0, 0.0, 15.0), (5.0, 0.0, 0.0), 1200)
     (hit,) = notes
@@ -243,10 +258,7 @@ def test_a_wall_is_noted_and_flown_through():
 
 
 def test_a_roof_is_ground():
-    far = shapely.box(500.0, 500.0, 510.0, 510.0)
-    city = City(
-        [Building(f"b{i}", 12.0, shape) for i, shape in enumerate((shapely.box(-9.0, -9.0, 9.0, 9.0), far))], "t"
-    )
+    city = _block(-9.0, -9.0, 9.0, 9.0, height_m=12.0)
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0], city=city)
     notes = _straight(world, 0, (0.0, 0.0, 20.0), (0.0, 0.0, -1.0), 8 * 400)
     assert notes[0].kind == "event.contact"
@@ -255,6 +267,9 @@ def test_a_roof_is_ground():
     world.advance(9 * 400 * QUANTUM_NS)
     assert (world._position[0, 2], world.truth()["on_ground"][0]) == (12.01, 1.0)
     assert world.sensors(slice(None)).rangefinder_m[0] == pytest.approx(0.01)
+    world.impose(slice(None), _pose((20.0, 0.0, 0.0)))  # it is another place's ground at once
+    world.advance((9 * 400 + 1) * QUANTUM_NS)
+    assert world._position[0].tolist() == [20.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize(("speed", "crashes"), [(1.0, False), (3.0, False), (3.3, True), (9.0, True)])
@@ -293,7 +308,14 @@ def test_a_jump_is_told_and_hits_nothing_on_its_way():
     world.impose(np.array([0]), _pose((10_000.0, 0.0, 50.0), (-5.0, 0.0, 0.0)))
     notes = _straight_on(world, 2, 600)
     assert ("event.collision", "green/b") in _kinds(notes)
-    assert JUMP_M < 10_000.0
+
+
+@pytest.mark.parametrize(("far_m", "kinds"), [(JUMP_M - 0.1, ["event.collision"]), (JUMP_M + 0.1, ["event.jump"])])
+def test_only_what_is_near_is_a_way_through_a_wall(far_m: float, kinds: list[str]):
+    world = _world(Body("blue/a", "iris", 0.0, 0.0, 15.0), led=[0], city=_block(2.0, -9.0, 2.1, 9.0, height_m=30.0))
+    world.impose(slice(None), _pose((far_m, 0.0, 15.0), (1.0, 0.0, 0.0)))
+    assert [note.kind for note in world.advance(QUANTUM_NS)] == kinds
+    assert world._position[0, 0] == pytest.approx(far_m + QUANTUM_S)
 
 
 def _straight_on(world: World, first: int, ticks: int) -> list[Note]:
@@ -321,6 +343,9 @@ def test_handed_back_it_falls_from_where_it_is():
     assert world._position[0] == pytest.approx(dropped._position[0], rel=1e-9)
     with pytest.raises(ValueError, match="on blue/a, which the world moves"):
         world.impose(slice(None), _pose((0.0, 0.0, 1.0)))
+    world.set_source(np.array([0]), Source.KINEMATIC)
+    world.advance(2000 * QUANTUM_NS)
+    assert world._position[0] == pytest.approx(dropped._position[0], rel=1e-9)
 
 
 def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors():

@@ -24,14 +24,16 @@ from skyrange.core.compiled import kernel
 from skyrange.world import multirotor
 from skyrange.world.airframes import GRAVITY_MPS2
 from skyrange.world.multirotor import ALOFT, BROKEN, CRASHED, EVENTS, HARD_MPS, JUMPED, ON_GROUND, TIPPED, TOUCHED
+from skyrange.world.nearness import NEAR_M
 
 Ints = NDArray[np.int64]
 Marks = NDArray[np.uint8]
 
 CARRY_S = 0.25
 """So long a velocity carries a body on: two poses missed at 10 Hz."""
-JUMP_M = 50.0
-"""A pose farther off than this is no flight but another place (a simulator was reset): nothing on the way is hit."""
+JUMP_M = 0.5 * NEAR_M
+"""A pose farther off than this is no flight but another place (a simulator was reset, or silent for long): nothing on
+the way is hit. The census of who is near holds for ticks in which two come no more than `NEAR_M` closer."""
 STAND_M = 0.02
 """Gear this close to the ground stands on it: ArduPilot tells heights in whole centimetres."""
 MOST_M = 1e6
