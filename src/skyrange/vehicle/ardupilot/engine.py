@@ -89,6 +89,7 @@ class ArduPilotFleet:
     clock: Literal["lockstep", "wall"] = "lockstep"
     repeatable: Literal["bytes", "outcome"] = "bytes"
     preroll_ns: Time = PREROLL_NS
+    moves: Sequence[str] = ()
 
     def __init__(
         self,
