@@ -36,9 +36,9 @@ def measure(vehicles: int, seconds: float, load: str = "light", rates: str = "fu
 
     `real_time_factor` is simulated over wall seconds while flying, recording on; `autopilots_cpu_s` and `ours_cpu_s`
     the processor time of all ArduPilot processes and of everything else for that; `per_core` how many aircraft one
-    core would carry in real time, by processor time. `bare_cpu_s` is what as many processes take for as many seconds with nothing
-    around them, standing still and fed by the least loop there is, measured right before; `over_bare` the whole over
-    that. `loop_hz` and `exchanges_hz` are what ran; `flying` as in `bench fleet`.
+    core would carry in real time, by processor time. `bare_cpu_s` is what as many processes take for as many seconds
+    with nothing around them, standing still and fed by the least loop there is, measured right before; `over_bare`
+    the whole over that. `loop_hz` and `exchanges_hz` are what ran; `flying` as in `bench fleet`.
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
