@@ -30,7 +30,7 @@ def fly(
     (Ctrl-C) the report is there as well.
     """
     Pace(speed)  # refuses what is no speed before there is a folder
-    run = Run.start(scenario, out, taps=taps, attacks=attacks)
+    run = Run.start(scenario, out, speed=speed, taps=taps, attacks=attacks)
     folder = run.recorder.path
     try:
         run.execute(speed=speed, on_progress=on_progress)
