@@ -101,6 +101,11 @@ class Program:
         kept = [line for line in said.splitlines() if line.strip()]
         return "\n".join(kept[-lines:])
 
+    def hold(self, held: bool) -> None:
+        """Stop its time, or let it go on; one that has ended stays so."""
+        if self.running:
+            self._process.send_signal(signal.SIGSTOP if held else signal.SIGCONT)
+
     def kill(self) -> None:
         """End it now, and wait until it has. Again does nothing."""
         self._end()

@@ -89,8 +89,8 @@ def check_engine(
 
 @ENGINE.rule(
     "declares",
-    "Has a name, a clock (and a pace, if that is the wall's), a repeatability, a pre-roll of 0 ns or more, and moves none "
-    "but its own.",
+    "Has a name, a clock (and a pace, if it is the wall's), a repeatability, a pre-roll of 0 ns or more, and moves "
+    "none but its own.",
 )
 def _declares(case: EngineCase) -> None:
     engine = case.make()

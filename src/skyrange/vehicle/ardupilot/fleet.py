@@ -60,6 +60,7 @@ class Instance:
 
     @property
     def alive(self) -> bool:
+        """Whether it is neither lost nor given up."""
         return self.status in (InstanceStatus.BOOTING, InstanceStatus.READY)
 
     def restarted(self, outbox: Outbox) -> None:
@@ -219,6 +220,7 @@ class Fleet(ABC):
             if one.alive and not one.sitl.connected:
                 for place in one.sitl.accept():
                     self._switchboard.add(row, place, one.sitl)
+                    self._connected(row, place, outbox)
         for row, place in self._switchboard.speaking(wait_s):
             one = self._instances[row]
             data = one.sitl.read(place)
@@ -226,6 +228,9 @@ class Fleet(ABC):
                 self._learn(tick, row, data, outbox)
             else:
                 self._pass_on(tick, row, one, data, outbox)
+
+    def _connected(self, row: int, place: int, outbox: Outbox) -> None:  # noqa: B027 (most need not know)
+        """Its serial port `place` has connected, for the first time or again."""
 
     def _learn(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:
         """Its private port tells how it is."""

@@ -2,7 +2,8 @@
 
 The processes boot before time 0, faster than real time, until each one's clock says that it has looked at compass and
 GNSS for long enough, and are let go together. From then on `SIM_SPEEDUP` of each paces itself, and the kernel is held
-to the slowest of them: a tick ends when the time of all has come to it. One that is ahead cannot be held.
+to the slowest of them: a tick ends when the time of all has come to it. One that is ahead of the kernel by too much is
+stopped until that has come up, so that a machine that is too slow makes a run slower, and not wrong.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.io.sitl import Sitl, wall_s
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.fleet import PRIVATE, START_S, WARM_UP_NS, Fleet
-from skyrange.vehicle.ardupilot.gnss import PERIOD_NS
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.packets import PWM_MIN, PWM_RANGE
 from skyrange.vehicle.ardupilot.truth import Truth, state_of
@@ -32,13 +32,17 @@ MODEL: Final = "x"
 """ArduPilot's own: 3 kg, 0.35 m arms, hovers at 0.39 (SIM_Frame.h)."""
 SPEEDUP: Final = "SIM_SPEEDUP"
 BOOT_SPEED: Final = 20.0
-WAIT_SPEED: Final = 0.02
-"""While it waits for the others: a step in 40 ms, so it can still be spoken to."""
+BOOT_FIX_NS: Final[Time] = 100 * NS_PER_MS
+"""While it boots fixes come with reports, which come in heaps: twice as often as the 5 Hz that it wants in the mean."""
 BRAKE_PER_S: Final = 4.0
 """A boot's speed is the time that remains, times this."""
 UNHEARD_S: Final = 0.1
 """A process's clock is taken to go on for so long after a report: more of a debt of time it does not make good
 (SIM_Aircraft.cpp, `sync_frame_time`)."""
+AHEAD_S: Final = 0.15
+"""On the machine's clock: one that is farther ahead of the tick is stopped."""
+SLIP_S: Final = 0.6
+"""One that has come farther ahead flew on while we stood still: that time is lost, and its clock is set anew."""
 GRAIN_S: Final = 0.005
 """The shortest wait; ArduPilot's own is as long (SIM_Aircraft.h, `min_sleep_time`)."""
 
@@ -55,10 +59,12 @@ class _Clock:
     """Its time at our time 0; `None` until it is let go."""
     speed: float = BOOT_SPEED
     """As asked for."""
-    fixed_ns: Time = -PERIOD_NS
+    fixed_ns: Time = -BOOT_FIX_NS
     """Of the last fix while it boots."""
     pulses: tuple[int, ...] = ()
     """For its motors, µs."""
+    held: bool = False
+    """Stopped, for being ahead."""
 
     def time(self, now_s: float) -> Time | None:
         """Of the range, by its own clock; `None` where that is not known."""
@@ -90,11 +96,14 @@ class NativeFleet(Fleet):
         self._truth = Truth(len(specs))
         self._began: Time = 0
         """The first tick."""
+        self._slipped_ns: Time = 0
+        self._flying = False
+        """Whether all have booted."""
 
     @property
     def manifest(self) -> dict[str, Any]:
         """As `Fleet`, and the pace."""
-        return {**super().manifest, "speedup": self.pace}
+        return {**super().manifest, "speedup": self.pace, "slipped_s": round(self._slipped_ns / NS_PER_S, 3)}
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
         values = parameters.native_values(spec, self._listed, gnss_lag_ms)
@@ -113,19 +122,23 @@ class NativeFleet(Fleet):
         outbox, now_s = Outbox(), wall_s()
         for clock in self._clocks:
             clock.heard_s = now_s
-        while any(clock.said_ns < WARM_UP_NS for clock in self._clocks):
+        while not all(clock.held for clock in self._clocks):
             self._hear(-1, outbox, GRAIN_S)
             for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+                if clock.held:
+                    continue
                 if wall_s() - clock.heard_s > START_S or not one.sitl.program.running:
                     raise one.sitl.lost("did not come up")
-                if clock.said_ns >= clock.fixed_ns + PERIOD_NS:
+                if clock.said_ns >= clock.fixed_ns + BOOT_FIX_NS:
                     clock.fixed_ns = clock.said_ns
                     self._fix(row, tick + clock.said_ns - WARM_UP_NS, sensors)
                 self._brake(row)
-        now_s = wall_s()
-        for row, clock in enumerate(self._clocks):
-            clock.began_ns, clock.heard_s = clock.said_ns, now_s
-            self._speed(row, self.pace)
+                if clock.said_ns >= WARM_UP_NS:
+                    self._hold(row, True)
+                    clock.began_ns = clock.said_ns
+        for row in range(len(self._clocks)):
+            self._hold(row, False)
+        self._flying = True
 
     def _fix(self, row: int, now: Time, sensors: Sensors) -> None:
         """While it boots it is given the fix of the first tick, time and again."""
@@ -139,9 +152,15 @@ class NativeFleet(Fleet):
         """Slow down towards the end of the warm-up."""
         clock = self._clocks[row]
         left_s = (WARM_UP_NS - clock.said_ns) / NS_PER_S
-        wanted = min(max(left_s * BRAKE_PER_S, WAIT_SPEED), BOOT_SPEED) if left_s > 0.0 else WAIT_SPEED
-        if clock.speed > wanted and (wanted <= 0.5 * clock.speed or wanted == WAIT_SPEED):
+        wanted = min(max(left_s * BRAKE_PER_S, self.pace), BOOT_SPEED)
+        if wanted <= 0.5 * clock.speed or (wanted == self.pace and clock.speed != wanted):
             self._speed(row, wanted)
+
+    def _hold(self, row: int, held: bool) -> None:
+        """Stop a process's time, or let it go on."""
+        clock = self._clocks[row]
+        clock.held, clock.heard_s = held, wall_s()
+        self._instances[row].sitl.program.hold(held)
 
     def _speed(self, row: int, speed: float) -> None:
         one = self._instances[row]
@@ -167,11 +186,13 @@ class NativeFleet(Fleet):
                 one.status = InstanceStatus.DEAD  # it has been ended: nothing holds its aircraft up
         deadline = wall_s() + wall_deadline_s
         self._hear(tick, outbox)
+        self._restrain(tick - self._began)
         while (wait_s := self._behind_s(tick - self._began)) > 0.0:
             if wall_s() > deadline:
                 self._give_up(tick - self._began, outbox)
             self._bury(outbox)
             self._hear(tick, outbox, max(wait_s, GRAIN_S))
+            self._restrain(tick - self._began)
         poses = self._truth.take()
         for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
             if not one.alive:
@@ -186,11 +207,26 @@ class NativeFleet(Fleet):
         """How long, on the machine's clock, until the slowest will have come to the tick."""
         now_s, most = wall_s(), 0.0
         for one, clock in zip(self._instances, self._clocks, strict=True):
-            if one.alive:
+            if one.alive and not clock.held:
                 time = clock.time(now_s)
                 if time is not None and time < tick:
                     most = max(most, (tick - time) / NS_PER_S / self.pace)
         return most
+
+    def _restrain(self, tick: Time) -> None:
+        """Stop those that are too far ahead of the tick, let those go on that are no more."""
+        for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+            if not one.alive or clock.began_ns is None:
+                continue
+            ahead_s = (clock.said_ns - clock.began_ns - tick) / NS_PER_S / self.pace
+            if clock.held:
+                if ahead_s <= -UNHEARD_S:  # of which it makes good as much when it goes on
+                    self._hold(row, False)
+            elif ahead_s > SLIP_S:
+                self._slipped_ns += clock.said_ns - clock.began_ns - tick
+                clock.began_ns = clock.said_ns - tick
+            elif ahead_s > AHEAD_S:
+                self._hold(row, True)
 
     def _bury(self, outbox: Outbox) -> None:
         for row, one in enumerate(self._instances):
@@ -207,14 +243,20 @@ class NativeFleet(Fleet):
                 one.lose(InstanceStatus.SILENT, outbox)
                 self._skew.forget(row)
 
+    def _connected(self, row: int, place: int, outbox: Outbox) -> None:
+        clock = self._clocks[row]
+        if self._flying and place == PRIVATE:  # it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks
+            self._instances[row].restarted(outbox)
+            clock.said_ns, clock.began_ns = -1, None
+            self._skew.forget(row)
+
     def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
-        kind, one, clock = message.get_type(), self._instances[row], self._clocks[row]
+        kind, clock = message.get_type(), self._clocks[row]
         if kind == "GLOBAL_POSITION_INT":
             said = message.time_boot_ms * NS_PER_MS
-            if said < clock.said_ns and clock.began_ns is not None:  # it has begun anew
-                one.restarted(outbox)
-                clock.began_ns = said - (tick - self._began)
             clock.said_ns, clock.heard_s = said, wall_s()
+            if self._flying and clock.began_ns is None:
+                clock.began_ns = said - (tick - self._began)
             if clock.began_ns is not None:
                 self._skew.seen(row, said - clock.began_ns - (tick - self._began))
         elif kind == "SIM_STATE" and clock.began_ns is not None:
