@@ -6,7 +6,6 @@ On Linux the kernel kills a child when the thread that started it ends (prctl(2)
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import os
 import signal
@@ -22,7 +21,6 @@ OUTPUT = "output.txt"
 """What a program says, both streams, in its folder."""
 _PR_SET_PDEATHSIG = 1
 _TAIL_BYTES = 4096
-_living: weakref.WeakSet[Program] = weakref.WeakSet()
 
 
 def _prctl() -> ctypes.CDLL | None:
@@ -57,7 +55,7 @@ class Program:
                 )  # fmt: skip
         except OSError as error:
             raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error
-        _living.add(self)
+        self._end = weakref.finalize(self, _kill, self._process)  # at the latest when nobody holds it, or at exit
 
     @property
     def pid(self) -> int:
@@ -95,13 +93,10 @@ class Program:
 
     def kill(self) -> None:
         """End it now, and wait until it has. Again does nothing."""
-        _living.discard(self)
-        if self._process.poll() is None:
-            self._process.kill()
-        self._process.wait()
+        self._end()
 
 
-@atexit.register
-def _kill_all() -> None:
-    for program in list(_living):
-        program.kill()
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.kill()
+    process.wait()

@@ -7,7 +7,7 @@ clock of the machine takes part: the same inputs give the same bytes. The serial
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +21,7 @@ from skyrange.agent.messages import Inbox, Outbox
 from skyrange.agent.settings import Params
 from skyrange.codec.mavlink import Deframer, Packer, decode, dialect
 from skyrange.core.chance import Chance
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
@@ -114,8 +114,7 @@ class ArduPilotFleet:
         self.ports = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._receivers = Receivers(len(specs), origin, epoch)
-        for spec in specs:  # before anything starts
-            parameters.start_values(spec.vehicle, AIRFRAMES[spec.airframe], spec.params, self._listed, 0)
+        _check(name, specs, self._listed)
         self._folder: TemporaryDirectory[str] | None = None
         self._instances: list[_Instance] = []
         self._switchboard = Switchboard()
@@ -138,6 +137,8 @@ class ArduPilotFleet:
         for row, spec in enumerate(self._specs):
             lag_ms = int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS
             values = parameters.start_values(spec.vehicle, AIRFRAMES[spec.airframe], spec.params, self._listed, lag_ms)
+            if self._options.keep_logs:
+                values["LOG_BACKEND_TYPE"] = 1.0
             per_tick, ticks = parameters.steps_of(values, self._listed, QUANTUM_NS / NS_PER_S)
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
             self._instances.append(_Instance(spec, values, per_tick, ticks, packer))
@@ -160,6 +161,17 @@ class ArduPilotFleet:
             assert one.sitl is not None
             if one.sitl.servos(deadline) is None:
                 raise one.sitl.lost(f"did not come up within {START_S:g} s")
+
+    def leaves(self) -> Mapping[str, Path]:
+        """The DataFlash logs to be kept, by their names in the run's folder; they are there until `close`."""
+        if not self._options.keep_logs or self._folder is None:
+            return {}
+        return {
+            f"dataflash/{one.spec.vehicle.replace('/', '-')}{'' if number == 0 else f'-{number + 1}'}.bin": log
+            for one in self._instances
+            if one.sitl is not None
+            for number, log in enumerate(sorted((one.sitl.folder / "logs").glob("*.BIN")))
+        }
 
     def close(self) -> None:
         """End the processes. Again does nothing."""
@@ -213,7 +225,7 @@ class ArduPilotFleet:
         due, turn = self._due, 0
         while due:
             for row in due:
-                answer = self._answer(row, deadline)
+                answer = self._answer(row, deadline, outbox)
                 if answer is not None:
                     answers[row] = answer
                     if turn + 1 < self._instances[row].per_tick:
@@ -228,15 +240,19 @@ class ArduPilotFleet:
         self._hear(tick, outbox)
         return Finished(self._commands, outbox, [one.status for one in self._instances])
 
-    def _answer(self, row: int, deadline: float) -> bytes | None:
+    def _answer(self, row: int, deadline: float, outbox: Outbox) -> bytes | None:
         one = self._instances[row]
         assert one.sitl is not None
-        restarts = one.sitl.restarts
+        restarts, program = one.sitl.restarts, one.sitl.program
         answer = one.sitl.servos(deadline)
         if answer is None:
-            one.status = InstanceStatus.SILENT if one.sitl.program.running else InstanceStatus.DEAD
+            one.status = InstanceStatus.SILENT if program.running else InstanceStatus.DEAD
+            how = {"ended": program.ended, "said": program.last_words()}
+            outbox.note("event.autopilot_lost", one.spec.vehicle, how)
+            program.kill()  # should it wake up, its time has passed
         elif one.sitl.restarts > restarts:
             one.steps, one.asked, one.witness = 0, 0, Witness()
+            outbox.note("event.reboot", one.spec.vehicle, {"system_id": one.spec.system_id})
         return answer
 
     def _hear(self, tick: Time, outbox: Outbox) -> None:
@@ -285,3 +301,15 @@ class ArduPilotFleet:
         )
         assert one.sitl is not None
         one.asked += one.sitl.write(1, one.onboard.pack(ask))
+
+
+def _check(name: str, specs: Sequence[VehicleSpec], listed: Mapping[str, float]) -> None:
+    """Raise `InputError` with every parameter of every aircraft that is wrong."""
+    faults = []
+    for spec in specs:
+        try:
+            parameters.start_values(spec.vehicle, AIRFRAMES[spec.airframe], spec.params, listed, 0)
+        except InputError as error:
+            faults += [Fault(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+    if faults:
+        raise InputError(f"autopilot {name}", faults)
