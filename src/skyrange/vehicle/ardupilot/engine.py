@@ -194,7 +194,7 @@ class ArduPilotFleet:
             if one.alive and one.sitl is not None:
                 one.sitl.write(0, arrival.payload)
                 one.witness.uploaded(arrival.payload)
-        for row in self._receivers.fresh(sensors, QUANTUM_NS):
+        for row in self._receivers.fresh(sensors):
             one = self._instances[row]
             if one.alive and one.sitl is not None:
                 one.sitl.write(1, one.onboard.pack(self._receivers.message(sensors, row)))

@@ -19,7 +19,7 @@ PWM_MIN: Final = 1000.0
 PWM_RANGE: Final = 1000.0
 """MOT_PWM_MIN, and from there to MOT_PWM_MAX, as ArduCopter has them."""
 _LINE: Final = (
-    b'\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
+    b'\n{"timestamp":%.12f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
     b'"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
 )
 _ROOT: Final = math.sqrt(0.5)
