@@ -19,6 +19,7 @@ from skyrange.agent.frames import Frame
 from skyrange.agent.links import TapPlacement
 from skyrange.agent.verdicts import Drop, Verdict
 from skyrange.cli.app import app
+from skyrange.cli.viewing import warning
 from skyrange.core.errors import InputError
 from skyrange.core.time import Time, from_seconds
 from skyrange.record import RunRecord
@@ -221,6 +222,7 @@ def position_at(port: int, system: int, want: int = 3) -> Any:
         beat = link.wait_heartbeat(timeout=120)
         assert beat is not None
         assert (link.target_system, beat.autopilot) == (system, mav.MAV_AUTOPILOT_ARDUPILOTMEGA)
+        position = None
         for _ in range(want):
             link.mav.heartbeat_send(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 0)
             position = link.recv_match(type="GLOBAL_POSITION_INT", blocking=True, timeout=60)
@@ -289,3 +291,59 @@ def test_watched_runs_are_paced_at_real_time_unless_told(
     assert asked["speed"] == speed
     assert asked.get("first") == first
     assert (asked["viewers"] is None) == (first is None)
+
+
+# ---------------------------------------------------------------- ArduPilot's own port, where it is asked for
+
+
+def own_port() -> int:
+    with socket.socket() as tried:
+        tried.bind(("", 0))
+        return int(tried.getsockname()[1])
+
+
+@needs_arducopter
+def test_heartbeats_at_ardupilots_own_port_do_hide_it(tmp_path: Path) -> None:
+    port = own_port()
+    scenario = alone(35.0, f"[autopilots.options.ardupilot]\nopen_port = {port}", "ardupilot", FS_GCS_ENABLE=1)
+    over = Event()
+    beats = []
+
+    def beat() -> None:
+        link = mav.MAVLink(None, 255, 190)
+        while not over.is_set():
+            try:
+                with socket.create_connection(("127.0.0.1", port), 5.0) as line:
+                    while not over.wait(0.02):
+                        line.sendall(HEARTBEAT.pack(link))
+                        beats.append(1)
+            except OSError:  # it is not there yet, or no more
+                over.wait(0.02)
+
+    station = Thread(target=beat)
+    station.start()
+    try:
+        record = lost_station(scenario, tmp_path / "run", 0.0)
+    finally:
+        over.set()
+        station.join()
+    assert beats
+    assert b"GCS Failsafe" not in said(record, ONE)
+
+
+@needs_arducopter
+def test_ardupilots_own_port_is_opened_with_a_warning_and_refused_where_it_is_taken(tmp_path: Path) -> None:
+    port = own_port()
+    scenario = alone(60.0, f"[autopilots.options.ardupilot]\nopen_port = {port}", "ardupilot")
+    with range_of(tmp_path, scenario) as (child, ports):
+        assert position_at(port, 1, want=0) is None  # it obeys, and was asked for nothing yet
+        (program,) = [pid for pid in offspring(child.pid) if "arducopter" in os.readlink(f"/proc/{pid}/exe")]
+        assert listening(program) == {port}
+        assert port not in ports.values()
+        with pytest.raises(InputError, match=rf"options.ardupilot.open_port: port {port}: Address already in use"):
+            fly(scenario, tmp_path / "second")
+    assert not (tmp_path / "second").exists()
+    (said, *_), (where, *_) = warning(scenario)[0:1], warning(scenario)[2:]
+    assert "ALL network interfaces" in said
+    assert where == f"  {ONE} at port {port}"
+    assert warning(alone(60.0)) == []

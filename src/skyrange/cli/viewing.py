@@ -21,6 +21,8 @@ MOST_LINES = 60
 @contextmanager
 def watchable(scenario: Scenario, wanted: bool, first_port: int | None) -> Iterator[Viewers | None]:
     """Gives the viewers' ports for `fly`, if `wanted`. What it says goes to standard error, as progress does."""
+    for line in warning(scenario):
+        print(line, file=sys.stderr, flush=True)
     if not wanted:
         yield None
         return
@@ -51,6 +53,24 @@ def invitation(addresses: Sequence[Address], system_ids: dict[str, int]) -> list
     if any(count > 1 for count in Counter(system_ids.values()).values()):
         lines.append("  a ground station that is connected to several aircraft of one system id takes them for one")
     return lines
+
+
+def warning(scenario: Scenario) -> list[str]:
+    """What to know where autopilots listen themselves."""
+    ports: list[str] = []
+    for kind in scenario.autopilots.options:
+        own = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot == kind]
+        opened = getattr(scenario.autopilots.made(kind).get("options"), "opened", None)
+        if opened is not None:
+            ports += [f"  {vehicle} at port {port}" for vehicle, port in zip(own, opened(len(own)), strict=False)]
+    if not ports:
+        return []
+    return [
+        "WARNING: these autopilots listen on ALL network interfaces and obey whoever connects. Their heartbeats hide",
+        "a lost ground station, and the run does not repeat:",
+        *ports[:MOST_LINES],
+        *([f"  … and {len(ports) - MOST_LINES} more"] if len(ports) > MOST_LINES else []),
+    ]
 
 
 def farewell(counts: Counts) -> str:
