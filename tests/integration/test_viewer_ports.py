@@ -11,6 +11,7 @@ from select import select
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.io.sitl import check_free
 from skyrange.io.viewing import MOST_VIEWERS, WAITING_BYTES, ViewerPorts
 
 pytestmark = pytest.mark.integration
@@ -188,3 +189,18 @@ def test_a_taken_port_is_named_and_none_is_kept() -> None:
 def test_a_port_beyond_the_last_is_refused() -> None:
     with pytest.raises(InputError, match="port: 65543 — expected at most 65535, for the last aircraft too"):
         ViewerPorts([0, 65_543])
+
+
+def test_ports_that_a_program_is_to_open_itself_are_tried_first() -> None:
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        taken = holder.getsockname()[1]
+        with pytest.raises(InputError) as caught:
+            check_free([80, taken, 65_536], "open_port")
+    assert [fault.value for fault in caught.value.faults] == [
+        "port 80",
+        f"port {taken}: Address already in use",
+        "port 65536",
+    ]
+    check_free([taken], "open_port")

@@ -24,6 +24,8 @@ from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.io.programs import Program
 
 LOOPBACK = "127.0.0.1"
+FILES = 6
+"""Sockets of one process on our side."""
 _HEAD = 8
 _SIZES = {(18458).to_bytes(2, "little"): 40, (29569).to_bytes(2, "little"): 72}
 """Sizes by magic number: rate and count, then 16 or 32 pulse widths (SIM_JSON.h, `servo_packet_16` and `_32`)."""

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from skyrange.core.errors import Fault, InputError
+from skyrange.io.programs import make_room
 
 LOOPBACK = "127.0.0.1"
 MOST_VIEWERS = 8
@@ -50,6 +51,7 @@ class ViewerPorts:
 
     def __init__(self, ports: Sequence[int]) -> None:
         """Listen at `ports`, 0 standing for any that is free. `InputError` where one cannot be had; then none is."""
+        make_room(2 * len(ports), "viewers")  # each listens, and one comes
         self.counts = Counts()
         self._selector = selectors.DefaultSelector()
         self._listeners: list[socket.socket] = []
@@ -167,6 +169,4 @@ def _why(port: int, error: Exception) -> Fault:
     assert isinstance(error, OSError)
     if error.errno == errno.EADDRINUSE:
         return Fault("port", f"{port} is taken", "one that is free", hint)
-    if error.errno == errno.EMFILE:
-        return Fault("port", f"{port} is one open file too many", "a limit that allows it", "See ulimit -n")
     return Fault("port", f"{port}: {error.strerror or error}", "one that can be listened at", hint)

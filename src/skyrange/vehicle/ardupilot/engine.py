@@ -25,7 +25,8 @@ from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.io.sitl import Sitl, Switchboard, check_free, wall_s
+from skyrange.io.programs import make_room
+from skyrange.io.sitl import FILES, Sitl, Switchboard, check_free, wall_s
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.binary import find
 from skyrange.vehicle.ardupilot.gnss import Receivers
@@ -104,6 +105,7 @@ class ArduPilotFleet:
     clock: Literal["lockstep", "wall"] = "lockstep"
     repeatable: Literal["bytes", "outcome"] = "bytes"
     preroll_ns: Time = PREROLL_NS
+    moves: Sequence[str] = ()
 
     def __init__(
         self,
@@ -151,6 +153,7 @@ class ArduPilotFleet:
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
         """Start all processes at once, then wait until the last of them has spoken."""
+        make_room(FILES * len(self._specs), f"engine {self.name}")
         self._folder = TemporaryDirectory(prefix="skyrange-")
         for row, spec in enumerate(self._specs):
             lag_ms = int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS
@@ -202,6 +205,11 @@ class ArduPilotFleet:
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that the processes have taken so far, in seconds."""
+        return sum(one.sitl.program.cpu_s for one in self._instances if one.sitl is not None)
 
     # ---------------------------------------------------------------- a tick
 
