@@ -25,6 +25,7 @@ from skyrange.scenario.wire import wire
 from skyrange.world import Body, SensorSpec, World
 
 S = NS_PER_S
+B1, EAST = '"blue/b1"', "rate_mps = [1, 0, 0]"
 GNSS = {"gnss_enu_m", "gnss_vel_enu_mps"}
 FLEET = """
 name = "s"
@@ -106,7 +107,7 @@ def test_nothing_else_is_touched_and_not_the_other_aircraft(kind: AttackKind, pa
         assert same == (column.name not in (GNSS if kind is DRIFT else {"gnss_enu_m"})), column.name
 
 
-@pytest.mark.parametrize(("velocity", "share"), [("consistent", 1.0), ("true", 0.0)])
+@pytest.mark.parametrize(("velocity", "share"), [("consistent", 1.0), ("unaltered", 0.0)])
 def test_a_drift_grows_from_the_truth_with_or_without_its_velocity(velocity: str, share: float) -> None:
     drift = fault(DRIFT, rate_mps=[1.0, -2.0, 0.5], velocity=velocity)
     for seconds in (0.0, 0.4, 60.0):
@@ -190,24 +191,24 @@ def wrong(kind: str, params: str) -> list[str]:
 @pytest.mark.parametrize(
     ("kind", "params", "words"),
     [
-        ("gnss.jump", 'vehicles = ["blue/b1"]', "params.offset_m: missing"),
-        ("gnss.jump", 'vehicles = ["blue/b1"], offset_m = [1, 2]', "params.offset_m.2: missing"),
-        ("gnss.jump", 'vehicles = ["blue/b1"], offset_m = [1, 2, 200000]', "metres from -100000 to 100000 each"),
-        ("gnss.jump", 'vehicles = ["blue/b1"], offset_m = [1, 2, nan]', "params.offset_m.2"),
-        ("gnss.jump", "vehicles = [], offset_m = [1, 2, 3]", "params.vehicles"),
-        ("gnss.jump", 'vehicles = "blue/b1", offset_m = [1, 2, 3]', "params.vehicles: 'blue/b1' — expected a list"),
-        ("gnss.jump", 'vehicles = ["blue/b1", "blue/b1"], offset_m = [1, 2, 3]', "each aircraft once"),
-        ("gnss.jump", 'vehicles = ["blue/b2"], offset_m = [1, 2, 3]', "Did you mean 'blue/b1'?"),
-        ("gnss.drift", 'vehicles = ["blue/b1"], rate_mps = [1, 0, 501]', "m/s from -500 to 500 each"),
-        ("gnss.drift", 'vehicles = ["blue/b1"], rate_mps = [1, 0, 0], velocity = "yes"', "expected 'consistent' or 'true'"),
-        ("gnss.drift", 'vehicles = ["blue/b1"], rate_mps = [1, 0, 0], largest_m = 0', "params.largest_m: 0"),
-        ("gnss.drift", 'vehicles = ["blue/b1"], rate_mps = [1, 0, 0], at_largest = "return"', "params.largest_m: missing"),
-        ("gnss.drift", 'vehicles = ["blue/b1"], rate = [1, 0, 0]', "Write rate_mps, in m/s"),
+        ("jump", f"vehicles = [{B1}]", "params.offset_m: missing"),
+        ("jump", f"vehicles = [{B1}], offset_m = [1, 2]", "params.offset_m.2: missing"),
+        ("jump", f"vehicles = [{B1}], offset_m = [1, 2, 200000]", "metres from -100000 to 100000 each"),
+        ("jump", f"vehicles = [{B1}], offset_m = [1, 2, nan]", "params.offset_m.2"),
+        ("jump", "vehicles = [], offset_m = [1, 2, 3]", "params.vehicles"),
+        ("jump", f"vehicles = {B1}, offset_m = [1, 2, 3]", "params.vehicles: 'blue/b1' — expected a list"),
+        ("jump", f"vehicles = [{B1}, {B1}], offset_m = [1, 2, 3]", "each aircraft once"),
+        ("jump", 'vehicles = ["blue/b2"], offset_m = [1, 2, 3]', "Did you mean 'blue/b1'?"),
+        ("drift", f"vehicles = [{B1}], rate_mps = [1, 0, 501]", "m/s from -500 to 500 each"),
+        ("drift", f'vehicles = [{B1}], {EAST}, velocity = "yes"', "expected 'consistent' or 'unaltered'"),
+        ("drift", f"vehicles = [{B1}], {EAST}, largest_m = 0", "params.largest_m: 0"),
+        ("drift", f'vehicles = [{B1}], {EAST}, at_largest = "return"', "params.largest_m: missing"),
+        ("drift", f"vehicles = [{B1}], rate = [1, 0, 0]", "Write rate_mps, in m/s"),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_said(kind: str, params: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     plugins.register(plugins.ATTACKS, "gnss.jump", JUMP)
     plugins.register(plugins.ATTACKS, "gnss.drift", DRIFT)
-    found = wrong(kind, params)
+    found = wrong(f"gnss.{kind}", params)
     assert any(words in one for one in found), found

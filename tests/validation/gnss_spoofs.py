@@ -1,7 +1,7 @@
 """What did ArduCopter do under false GNSS? Settings and reactions, to be flown by any autopilot of the range.
 
-Measured on ArduCopter V4.7.0-dev (ArduPilot 2598e9d4), simulated over its JSON backend at 800 steps a second with a quad
-of SIM_Frame's formulas and ideal inertial sensors, GNSS by GPS_INPUT at 5 Hz, 12 satellites, GPS1_DELAY_MS 1, all
+Measured on ArduCopter V4.7.0-dev (ArduPilot 2598e9d4), simulated over its JSON backend at 800 steps a second with a
+quad of SIM_Frame's formulas and ideal inertial sensors, GNSS by GPS_INPUT at 5 Hz, 12 satellites, GPS1_DELAY_MS 1, all
 parameters of the estimator and the failsafes as shipped but EK3_YAW_M_NSE 0.05 (it shortens the warm-up). The aircraft
 hovers 20 m above its start in GUIDED, 15 s after take-off. Times are in seconds after the first false fix; flags and
 ratios were read from EKF_STATUS_REPORT at 20 Hz, resets from jumps of GLOBAL_POSITION_INT.
@@ -82,9 +82,9 @@ SPOOFS: Final = (
     _jump(5.0, FINE, Reaction(0.0, 1.34, 0.01, 1.25, 20.05, {9.95: 5.0})),
     _jump(30.0, FINE, Reaction(0.0, 8.03, 0.01, 1.25, 20.05, {9.95: 30.0})),
     _jump(30.0, FINE, Reaction(-30.0, 8.03, 0.01, 1.25, 20.25, {9.95: 30.0}), at_place=True),
-    _drift(1.0, "true", FINE, Reaction(-37.7, 0.43, 0.21)),
-    _drift(2.0, "true", FINE, Reaction(-75.3, 0.85, 0.43)),
-    _drift(3.0, "true", FINE, Reaction(-14.8, 6.94, 0.27, 3.45, None, {12.15: 33.0, 25.15: 33.0, 38.15: 33.0})),
+    _drift(1.0, "unaltered", FINE, Reaction(-37.7, 0.43, 0.21)),
+    _drift(2.0, "unaltered", FINE, Reaction(-75.3, 0.85, 0.43)),
+    _drift(3.0, "unaltered", FINE, Reaction(-14.8, 6.94, 0.27, 3.45, None, {12.15: 33.0, 25.15: 33.0, 38.15: 33.0})),
     _drift(3.0, "consistent", FINE, Reaction(-119.4, 0.60, 1.11)),
     # the velocity's gate, and twice FS_EKF_THRESH; how far it goes while it lands blind depends on its drag
     _drift(5.0, "consistent", FINE, Reaction(None, 2.66, 1.84, 1.25, 21.45, {11.15: 13.6}, land_s=1.12)),
@@ -92,17 +92,17 @@ SPOOFS: Final = (
     _jump(11.0, USUAL, Reaction(-11.0, 1.02, 0.10, glitch_s=1.25, cleared_s=14.85)),
     _jump(12.0, USUAL, Reaction(0.0, 1.11, 0.01, 1.25, 20.05, {9.95: 12.0})),
     _jump(30.0, USUAL, Reaction(-30.0, 2.77, 0.01, 1.25, 20.25, {9.95: 30.0}), at_place=True),
-    _drift(1.0, "true", USUAL, Reaction(-33.9, 0.47, 0.05)),
-    _drift(3.0, "true", USUAL, Reaction(-30.2, 3.59, 0.18, 7.65, None, {16.35: 40.2, 35.55: 40.3})),
-    _drift(4.0, "true", USUAL, Reaction(-32.6, 4.42, 0.16, 5.25, None, {13.95: 50.3, 30.15: 50.3})),
-    _drift(6.0, "true", USUAL, Reaction(-25.6, 6.21, 0.10, 3.45, None, {12.15: 69.7, 25.95: 69.8, 39.75: 69.8})),
+    _drift(1.0, "unaltered", USUAL, Reaction(-33.9, 0.47, 0.05)),
+    _drift(3.0, "unaltered", USUAL, Reaction(-30.2, 3.59, 0.18, 7.65, None, {16.35: 40.2, 35.55: 40.3})),
+    _drift(4.0, "unaltered", USUAL, Reaction(-32.6, 4.42, 0.16, 5.25, None, {13.95: 50.3, 30.15: 50.3})),
+    _drift(6.0, "unaltered", USUAL, Reaction(-25.6, 6.21, 0.10, 3.45, None, {12.15: 69.7, 25.95: 69.8, 39.75: 69.8})),
     _drift(2.0, "consistent", USUAL, Reaction(-79.6, 0.01, 0.73)),
     _drift(3.0, "consistent", USUAL, Reaction(-119.4, 0.36, 1.10, glitch_s=1.25, cleared_s=11.85)),
     _drift(4.0, "consistent", USUAL, Reaction(-159.2, 0.60, 1.46, glitch_s=1.25, cleared_s=12.85)),
     _drift(6.0, "consistent", USUAL, Reaction(None, 0.90, 2.19, 1.25, 13.85, land_s=1.02)),
     # height is the barometer's: GNSS height alone does nothing, a false climb rate does
     Spoof("jump 30 m up", "gnss.jump", {"offset_m": [0.0, 0.0, 30.0]}, USUAL, Reaction(0.0, 0.0, 0.01), UP),
-    _drift(1.0, "true", USUAL, Reaction(0.0, 0.0, 0.01), UP),
+    _drift(1.0, "unaltered", USUAL, Reaction(0.0, 0.0, 0.01), UP),
     _drift(1.0, "consistent", USUAL, Reaction(-2.7, 0.0, 0.36), UP),
     _drift(3.0, "consistent", USUAL, Reaction(-8.1, 0.01, 1.09, glitch_s=1.25, cleared_s=13.45), UP),
 )

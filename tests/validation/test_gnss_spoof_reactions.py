@@ -1,4 +1,4 @@
-"""Does the builtin react to false GNSS as ArduCopter does? Each setting of `gnss_spoofs` is flown, and read as a user would.
+"""Does the builtin react to false GNSS as ArduCopter does? `gnss_spoofs`, flown, and read from the record.
 
 What happened is taken from what a run records: notes, STATUSTEXT and EKF_STATUS_REPORT, and the true position.
 """
@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.integration.flight_harness import EPOCH, ORIGIN, Range
+from tests.validation.gnss_spoofs import FINE, MOVED, RATIO, RESET, SECONDS, SPOOFS, TIME_S, USUAL, Spoof
 
 from skyrange.agent.contracts import SensorFault, Sensors
 from skyrange.agent.links import Schedule
@@ -21,8 +23,6 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.vehicle.spec import VehicleSpec
-from tests.integration.flight_harness import EPOCH, ORIGIN, Range
-from tests.validation.gnss_spoofs import FINE, MOVED, RATIO, RESET, SECONDS, SPOOFS, TIME_S, USUAL, Spoof
 
 ME = "blue/b1"
 KINDS = {"gnss.jump": JUMP, "gnss.drift": DRIFT}

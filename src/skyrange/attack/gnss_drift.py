@@ -27,9 +27,9 @@ class Drift(Params):
     rate_mps: Rate = Field(
         description="How fast the fixes move away from the truth: [east, north, up] in m/s, each up to 500."
     )
-    velocity: Literal["consistent", "true"] = Field(
+    velocity: Literal["consistent", "unaltered"] = Field(
         default="consistent",
-        description="Reported velocity. consistent: that of the false track; true: that of the aircraft.",
+        description="Reported velocity. consistent: that of the false track; unaltered: as it was measured.",
     )
     largest_m: Number | None = Field(
         default=None, gt=0, le=1_000_000, description="Largest distance from the truth in metres; default: none."
