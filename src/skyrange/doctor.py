@@ -12,17 +12,21 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.agent.plugins import GROUPS, kinds
-from skyrange.core.errors import SkyrangeError
+from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at: what was found, whether it will do, and what to do if not."""
+    """One thing looked at: what was found, whether it will do, and what to do if not.
+
+    The range works without one that is `optional`.
+    """
 
     subject: str
     found: str
     ok: bool = True
     hint: str = ""
+    optional: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """For `--json`."""
@@ -31,7 +35,7 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Look at everything. Flies the smallest scenario for a second, which also fills the kernels' cache."""
-    return [_python(), *_packages(), *_plugins(), _writable(), _flight()]
+    return [_python(), *_packages(), *_plugins(), _ardupilot(), _writable(), _flight()]
 
 
 def _python() -> Finding:
@@ -53,6 +57,30 @@ def _packages() -> list[Finding]:
 
 def _plugins() -> list[Finding]:
     return [Finding(group, ", ".join(kinds(group)) or "none") for group in GROUPS]
+
+
+def _ardupilot() -> Finding:
+    """The arducopter that would fly: where, which, what it can, and whether it runs. A range works without."""
+    from skyrange.io.answers import ask
+    from skyrange.vehicle.ardupilot.binary import ANSWER_S, SUPPORTED, confirm, find, order
+
+    try:
+        binary = find()
+    except InputError as error:
+        fault = error.faults[0]
+        hint = f"Optional. {fault.hint or f'Expected {fault.expected}.'}"
+        return Finding("ardupilot", f"{fault.value} ({error.who}: {fault.where})", False, hint, optional=True)
+    what = f"ArduCopter {binary.version} ({binary.source}: {binary.path}), SHA-256 {binary.sha256[:16]}…"
+    can = ", ".join(binary.capabilities) or "no capability that is looked for"
+    try:
+        answer = ask(binary.path, "--help", deadline_s=ANSWER_S)
+        confirm(str(binary.path), answer.ended, answer.text)
+    except ComponentError as error:
+        hint = f"Optional. {error}"
+        return Finding("ardupilot", f"{what}; does not run as it should", False, hint, optional=True)
+    least = ".".join(map(str, SUPPORTED))
+    hint = "" if order(binary.version)[0][:2] >= SUPPORTED else f"Expect trouble: older than {least}."
+    return Finding("ardupilot", f"{what}; runs; has {can}", hint=hint, optional=True)
 
 
 def _writable() -> Finding:

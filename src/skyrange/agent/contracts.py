@@ -186,7 +186,13 @@ class Finished:
 
 
 class Engine(Protocol):
-    """All aircraft of one autopilot kind, stepped together: first `begin` on all engines, then `finish`."""
+    """All aircraft of one autopilot kind, stepped together: first `begin` on all engines, then `finish`.
+
+    An engine that runs programs starts them at its first `begin`, has a method `close()` that ends them, called once
+    when the run ends however it does, and a mapping `manifest` that says in the record what they are. Before that
+    `leaves()` may name files of theirs that are worth keeping, by their names in the run's folder. A model
+    `options` (`agent.settings.Params`) of its factory says what a scenario may tell it, as keyword `options`.
+    """
 
     name: str
     vehicles: Sequence[str]

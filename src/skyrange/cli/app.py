@@ -23,6 +23,11 @@ bench_app = typer.Typer(
     no_args_is_help=True,
 )
 app.add_typer(bench_app, name="bench")
+install_app = typer.Typer(
+    help="Fetch real engines into your data folder.\n\nExample: skyrange install ardupilot",
+    no_args_is_help=True,
+)
+app.add_typer(install_app, name="install")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
@@ -208,6 +213,29 @@ def schema() -> None:
 def doctor(as_json: AsJson = False) -> None:
     """Say what this installation has, and what is missing; compile the numeric kernels once."""
     commands.doctor(as_json)
+
+
+@install_app.callback()
+def _install() -> None:
+    """Fetch real engines into your data folder."""
+
+
+@install_app.command(epilog="Example: skyrange install ardupilot --version 4.6.3")
+def ardupilot(
+    version: Annotated[
+        str | None,
+        typer.Option(
+            metavar="V", help="The release to fetch, or what FILE must be. Default: 4.7.0, or whatever FILE is."
+        ),
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FILE", help="Take this arducopter for SITL; no network is needed."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Put ArduPilot's official SITL binary of ArduCopter into your data folder, after checking that it runs."""
+    commands.install_ardupilot(version, source, as_json)
 
 
 @bench_app.command(epilog="Example: skyrange bench fleet --vehicles 100 --seconds 30 --json")

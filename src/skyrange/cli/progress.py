@@ -10,6 +10,7 @@ from skyrange.core.time import Time, to_seconds
 
 OnProgress = Callable[[Time, Time], None]
 OnShare = Callable[[int, Time, Time], None]
+OnBytes = Callable[[int, int | None], None]
 
 
 @contextmanager
@@ -55,5 +56,32 @@ def together(name: str, flights: int, *, quiet: bool) -> Iterator[OnShare | None
         def tell(number: int, now: Time, end: Time) -> None:
             reached[number] = max(reached[number], now)
             show(sum(reached), end * flights)
+
+        yield tell
+
+
+@contextmanager
+def transfer(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
+    """The same for a file that comes in: bytes done, and their sum if it is known."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(name, total=None)
+            yield lambda done, total: bar.update(task, total=total, completed=done)
+    else:
+        quarter = -1
+
+        def tell(done: int, total: int | None) -> None:
+            nonlocal quarter
+            reached = 4 * done // total if total else done >> 22
+            if reached > quarter:
+                quarter = reached
+                of = f" of {total / 1e6:.1f}" if total else ""
+                print(f"{name}: {done / 1e6:.1f}{of} MB", file=sys.stderr, flush=True)
 
         yield tell

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from copy import deepcopy
 from heapq import heappop, heappush
 from math import gcd
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -166,10 +167,21 @@ class Kernel:
         """One of this kernel's own watchers: a fork has others than its stem. `KeyError` for a name that is none."""
         return cast("Watcher", self._seats[name].agent)
 
+    def leaves(self) -> dict[str, Path]:
+        """Files of the engines' programs that are worth keeping, by name; `finish` takes them away."""
+        found: dict[str, Path] = {}
+        for berth in self._berths:
+            found |= getattr(berth.engine, "leaves", dict)()
+        return found
+
     def finish(self) -> None:
-        """End the run at `now`: frames still under way are recorded as such. Idempotent."""
+        """End the run at `now`: frames still under way are recorded as such, programs are ended. Idempotent."""
         if not self._ended:
             self._ended = True
+            for berth in self._berths:
+                close = getattr(berth.engine, "close", None)
+                if close is not None:
+                    close()
             self._traffic.strand_all(self.now)
 
     def fork(self, observers: Sequence[Observer]) -> Kernel:
@@ -216,11 +228,11 @@ class Kernel:
             except Exception as error:
                 raise blamed(f"engine {berth.engine.name}", now, error) from error
             world.actuate(berth.rows, finished.actuators)
-            if finished.status is not None:
-                self._check_status(now, berth, finished.status)
             outbox = finished.outbox
             if outbox.departures or outbox.notes or outbox.blocks:
                 self._dispatch(now, berth.engine.name, outbox, berth.engine.ports, None)
+            if finished.status is not None:
+                self._check_status(now, berth, finished.status)
         if now >= self._next_truth:
             for observer in self._traffic.observers:
                 observer.on_truth(now, world)

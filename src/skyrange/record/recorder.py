@@ -170,6 +170,15 @@ class Recorder:
             unmake_folder(self.path, self._made)
             raise
 
+    def keep(self, name: str, path: Path) -> None:
+        """Copy a file that a program left into the folder, under `name`; `ComponentError` where the disk refuses."""
+        target = self.path / name
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, target)
+        except OSError as error:
+            raise cannot_write(target, error) from error
+
     # ---------------------------------------------------------------- what the kernel tells
 
     def on_frame(self, frame: Frame) -> None:

@@ -16,6 +16,7 @@ from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
 from skyrange.scenario.air import Avoidance, Radio, Receiver, RemoteId
 from skyrange.scenario.attacks import AttackTable, When, kind_of
+from skyrange.scenario.autopilots import Autopilots
 from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.links import Link, channel
@@ -204,6 +205,9 @@ class Scenario(Model):
     wind: Wind = Field(default_factory=Wind, description="The wind; default: none.")
     sensors: Sensors = Field(default_factory=Sensors, description="The aircraft's sensors; default: usual ones.")
     record: Record = Field(default_factory=Record, description="Rates of recording.")
+    autopilots: Autopilots = Field(
+        default_factory=Autopilots, description="How autopilots that are programs are run; default: as usual."
+    )
     radio: Radio | None = Field(
         default=None,
         description="The medium of Remote ID: with it aircraft broadcast and hear each other; default: none.",

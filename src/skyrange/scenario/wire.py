@@ -104,13 +104,16 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
         attacks=[*made.plans, *attacks],
         world=world,
         engines=engines,
+        wall_deadline_s=scenario.autopilots.deadline_s,
+        on_silent=scenario.autopilots.on_silent,
+        on_unready=scenario.autopilots.on_unready,
     )
     return Rig(
         scenario,
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        _header(scenario, city, links, plans) | {"attacks": made.rows},
+        _header(scenario, city, links, plans) | {"attacks": made.rows, "engines": _engines(engines)},
         _attachments(scenario, plans, city),
         air.oracle,
     )
@@ -178,9 +181,15 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
         rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
         if len(members) == len(bodies):
             rows = slice(None)  # views instead of copies
-        engine = find(AUTOPILOTS, kind)(kind, [spec for _, spec in members], datum, scenario.epoch, chance)
+        made = scenario.autopilots.made(kind)
+        engine = find(AUTOPILOTS, kind)(kind, [spec for _, spec in members], datum, scenario.epoch, chance, **made)
         mounts.append(EngineMount(engine, rows))
     return world, mounts
+
+
+def _engines(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
+    """The autopilots' engines, with the program that each runs, if it is one."""
+    return [{"kind": mount.engine.name, **getattr(mount.engine, "manifest", {})} for mount in mounts]
 
 
 def _approvals(scenario: Scenario) -> list[FlightApproval]:

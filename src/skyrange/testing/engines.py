@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 
 from skyrange.agent.contracts import Engine, Finished, InstanceStatus, World
+from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port, owner_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing.driving import copied
@@ -16,7 +18,7 @@ from skyrange.testing.form import Said, check_causes, check_departures, check_no
 from skyrange.testing.hostile import Volume, check_modest, forged, garbage, short_garbage, siege, spoiled
 from skyrange.testing.mail import Letter, post
 from skyrange.testing.purity import watched
-from skyrange.testing.rules import RuleBook, need, same, short
+from skyrange.testing.rules import Broken, RuleBook, need, same, short
 from skyrange.vehicle.spec import VehicleSpec
 
 ENGINE: RuleBook[EngineCase] = RuleBook("engine")
@@ -45,6 +47,11 @@ class EngineCase:
     def repeats(self) -> bool:
         """Whether the engine says that it repeats to the byte."""
         return self.make().repeatable == "bytes"
+
+    @cached_property
+    def runs_programs(self) -> bool:
+        """Whether it starts programs: these need sockets and files, and cannot be copied."""
+        return hasattr(self.make(), "close")
 
     def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
         """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
@@ -195,15 +202,26 @@ def _sensors(case: EngineCase) -> None:
         _same(kept, spoilt, "what it does depends on sensors of an earlier tick", "copies of what is to be kept")
 
 
-@ENGINE.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+@ENGINE.rule(
+    "pure",
+    "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread. Not asked of one that "
+    "runs programs.",
+)
 def _pure(case: EngineCase) -> None:
-    if case.repeats:
+    if case.repeats and not case.runs_programs:
         case.flight().fly(case.until)
         case.flight().fly(case.until, call=watched)
 
 
-@ENGINE.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+@ENGINE.rule(
+    "copies",
+    "Deep-copied midway, goes on as it would have, and so does its copy: they share no state. One that runs programs "
+    "refuses to be copied.",
+)
 def _copies(case: EngineCase) -> None:
+    if case.runs_programs:
+        _refuses_copies(case.make())
+        return
     if not case.repeats:
         return
     straight = case.flight().fly(case.until)
@@ -233,6 +251,14 @@ def _modest(case: EngineCase) -> None:
     payloads, ports = short_garbage(), case.make().ports
     quiet, loud = case.flight().fly(case.until), case.besiege(payloads).fly(case.until)
     check_modest(_volume(quiet), _volume(loud), payloads, len(ports))
+
+
+def _refuses_copies(engine: Engine) -> None:
+    try:
+        deepcopy(engine)
+    except ComponentError:
+        return
+    raise Broken("its copy was made", "a ComponentError: what runs outside cannot be copied")
 
 
 def _check_notes(engine: Engine, finished: Finished, contents: Said) -> None:

@@ -1,0 +1,1 @@
+"""How do real engines get onto this machine? Downloaded from where their makers publish them, checked, put away."""

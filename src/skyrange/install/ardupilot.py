@@ -1,0 +1,187 @@
+"""How does ArduPilot get into the user's data folder? Its official SITL binary, downloaded or from a file, checked."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import stat
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, Final, NamedTuple
+from urllib.parse import urlsplit
+
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.install.download import NotThereError, OnProgress, download
+from skyrange.io.answers import ask
+from skyrange.vehicle.ardupilot.binary import (
+    ANSWER_S,
+    LEAST,
+    MOST_BYTES,
+    PROGRAM,
+    SUPPORTED,
+    Binary,
+    confirm,
+    data_folder,
+    examine,
+    order,
+)
+
+DEFAULT_VERSION: Final = "4.7.0"
+"""What is fetched if no version is asked for: a release, so that two machines get the same."""
+
+SERVER: Final = "https://firmware.ardupilot.org/Copter"
+"""Where ArduPilot publishes: folders `stable-VERSION`, in them one per board."""
+
+VARIABLE: Final = "SKYRANGE_ARDUPILOT_URL"
+"""Environment variable that names a mirror of `SERVER`, with the same folders."""
+
+BOARD: Final = "SITL_x86_64_linux_gnu"
+
+_WITHOUT_NETWORK: Final = f"With no network use --from FILE; a mirror is named by {VARIABLE}."
+
+_NOT_IT: Final = "Is a proxy or a log-in page in between? --from FILE takes a file that comes another way."
+
+
+class Installed(NamedTuple):
+    """What was put where, and the address or file that it is from."""
+
+    binary: Binary
+    origin: str
+
+
+def install(version: str | None = None, source: Path | None = None, on_progress: OnProgress | None = None) -> Installed:
+    """Put ArduCopter for SITL into the data folder: the release `version`, or the file `source`, whatever its version.
+
+    It is looked into, must be that version, and must answer when it is run; only then does it take its place, at once,
+    of one already installed too. Raises `InputError` or `ComponentError`; nothing stays behind then.
+    """
+    wanted = None if version is None else _release(version)
+    if source is None:
+        wanted = wanted or DEFAULT_VERSION
+        url = _address(wanted)
+        with _beside() as (file, path):
+            try:
+                download(url, file, on_progress, _WITHOUT_NETWORK)
+            except NotThereError as error:
+                expected = f"a released version that is there ({error})"
+                raise InputError.one("skyrange install ardupilot", "--version", wanted, expected) from None
+            return Installed(_downloaded(file, path, wanted, url), url)
+    with _beside() as (file, path):
+        _copy(source, file, on_progress)
+        return Installed(_given(file, path, wanted, source), str(source.absolute()))
+
+
+def _release(version: str) -> str:
+    """The version asked for, as "4.6.3"."""
+    plain = version.strip().lower().removeprefix("stable-").removeprefix("v")
+    who, least = "skyrange install ardupilot", ".".join(map(str, SUPPORTED))
+    if re.fullmatch(r"\d{1,3}\.\d{1,3}\.\d{1,3}", plain) is None:
+        hint = f"{SERVER} lists them as stable-…"
+        raise InputError.one(who, "--version", version, f"a release, such as {DEFAULT_VERSION}", hint)
+    if order(plain)[0][:2] < LEAST:
+        raise InputError.one(who, "--version", version, f"version {least} or newer")
+    return plain
+
+
+def _address(version: str) -> str:
+    """Where that version is, for this machine."""
+    machine = platform.machine()
+    if sys.platform != "linux" or machine.lower() not in ("x86_64", "amd64"):
+        raise InputError.one(
+            "skyrange install ardupilot", "this machine", f"{sys.platform} on {machine}",
+            "Linux on x86_64, for which ArduPilot publishes its SITL",
+            "Build arducopter for SITL from ArduPilot's sources, and give it with --from FILE.",
+        )  # fmt: skip
+    server = os.environ.get(VARIABLE) or SERVER
+    try:
+        parts = urlsplit(server)
+        usable = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0
+        usable = usable and not re.search(r"[\s\x00-\x1f]", server) and server.isascii()
+    except ValueError:
+        usable = False
+    if not usable:
+        raise InputError.one(VARIABLE, "address", server, f"an http or https address, such as {SERVER}")
+    return f"{server.rstrip('/')}/stable-{version}/{BOARD}/{PROGRAM}"
+
+
+@contextmanager
+def _beside() -> Iterator[tuple[IO[bytes], Path]]:
+    """A new file in the data folder, and its path; gone afterwards, unless it was moved to its place."""
+    folder = data_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        number, name = tempfile.mkstemp(prefix=f".{PROGRAM}-", dir=folder)
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    path = Path(name)
+    try:
+        with os.fdopen(number, "wb") as file:
+            yield file, path
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _unwritable(folder: Path, error: OSError) -> InputError:
+    problem = (error.strerror or str(error)).lower()
+    expected = "a folder that can be written, with 10 MB of room"
+    return InputError.one("data folder", str(folder), problem, expected, "XDG_DATA_HOME names another.")
+
+
+def _copy(source: Path, into: IO[bytes], on_progress: OnProgress | None) -> None:
+    """The file that was given, with no need of its exec bit."""
+    try:
+        facts = source.stat()
+        if not stat.S_ISREG(facts.st_mode):
+            raise InputError.one("--from", str(source), "not a regular file", "an arducopter binary")
+        if facts.st_size > MOST_BYTES:
+            expected = f"an arducopter, no larger than {MOST_BYTES:,}"
+            raise InputError.one("--from", str(source), f"a file of {facts.st_size:,} bytes", expected)
+        data = source.read_bytes()
+    except OSError as error:
+        problem = (error.strerror or str(error)).lower()
+        raise InputError.one("--from", str(source), problem, "a file that can be read") from None
+    into.write(data)
+    if on_progress is not None:
+        on_progress(len(data), len(data))
+
+
+def _downloaded(file: IO[bytes], path: Path, wanted: str, url: str) -> Binary:
+    """Check what the server sent, and put it into its place; the server is to blame for what is wrong."""
+    try:
+        return _place(file, path, wanted, url)
+    except InputError as error:
+        fault = error.faults[0]
+        problem = f"sent {fault.value}; expected {fault.expected}"
+        raise ComponentError(urlsplit(url).netloc, problem, _NOT_IT) from None
+
+
+def _given(file: IO[bytes], path: Path, wanted: str | None, source: Path) -> Binary:
+    """Check the file that was given, and put it into its place."""
+    try:
+        return _place(file, path, wanted, str(source))
+    except InputError as error:
+        raise InputError("--from", [replace(fault, where=str(source)) for fault in error.faults]) from None
+
+
+def _place(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Binary:
+    """Make the file at `path` runnable, look into it, run it, and move it to the folder of its version."""
+    file.flush()
+    os.fsync(file.fileno())
+    file.close()  # a file open for writing is not run
+    path.chmod(0o755)
+    found = examine(path)
+    if wanted is not None and found.version != wanted:
+        raise InputError.one("arducopter", str(path), f"ArduCopter {found.version}", f"version {wanted}")
+    answer = ask(path, "--help", deadline_s=ANSWER_S, who=origin)
+    confirm(origin, answer.ended, answer.text)
+    target = data_folder() / found.version / PROGRAM
+    target.parent.mkdir(exist_ok=True)
+    path.replace(target)
+    return replace(found, path=target)

@@ -1,0 +1,60 @@
+"""What does another program say when it is run once, in an empty folder, with little patience?"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from skyrange.core.errors import ComponentError
+from skyrange.io.programs import OUTPUT, Program
+
+MOST_BYTES: Final = 1 << 20
+"""Of an answer no more than this is read."""
+
+_LOOK_S: Final = 0.005
+
+
+class Answer(NamedTuple):
+    """How a program ended ("exit 0", "signal SIGSEGV"), and what it printed, standard error among it."""
+
+    ended: str
+    text: str
+
+
+def ask(program: Path, *arguments: str, deadline_s: float, who: str = "") -> Answer:
+    """Run `program` with `arguments` in an empty folder that is gone afterwards, and read what it prints.
+
+    Raises `ComponentError`, blaming `who` (the program, if not given), if it cannot be started, or has not ended after
+    `deadline_s` of wall time; it is killed then.
+    """
+    who = who or str(program)
+    until = time.monotonic() + deadline_s
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        try:
+            child = Program(who, [str(program), *arguments], folder)
+        except ComponentError as error:
+            raise ComponentError(who, *_why(program, error.__cause__)) from None
+        try:
+            while child.running:
+                if time.monotonic() > until:
+                    said = f"`{' '.join(arguments)}`"
+                    raise ComponentError(who, f"did not answer {said} within {deadline_s:g} s of wall time")
+                time.sleep(_LOOK_S)
+        finally:
+            child.kill()
+        with (folder / OUTPUT).open("rb") as output:
+            return Answer(child.ended, output.read(MOST_BYTES).decode("utf-8", "replace"))
+
+
+def _why(program: Path, error: BaseException | None) -> tuple[str, str]:
+    """What kept the program from starting, and what may help."""
+    if isinstance(error, FileNotFoundError) and program.exists():
+        hint = "On a system with musl (Alpine) programs built for glibc do not run."
+        return "the loader that it names is not on this machine", hint
+    problem = (isinstance(error, OSError) and error.strerror) or str(error)
+    return f"cannot be started: {problem.lower()}", (
+        "Is its folder mounted with noexec?" if isinstance(error, PermissionError) else ""
+    )

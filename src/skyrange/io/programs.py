@@ -1,0 +1,102 @@
+"""How is another program run so that it never outlives us? In a folder of its own, killed with whoever began it.
+
+On Linux the kernel kills a child when the thread that started it ends (prctl(2), PR_SET_PDEATHSIG), so that even
+`kill -9` leaves no orphan; elsewhere only an orderly end does. Start programs from a thread that stays.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Sequence
+from pathlib import Path
+
+from skyrange.core.errors import ComponentError
+
+OUTPUT = "output.txt"
+"""What a program says, both streams, in its folder."""
+_PR_SET_PDEATHSIG = 1
+_TAIL_BYTES = 4096
+
+
+def _prctl() -> ctypes.CDLL | None:
+    if sys.platform != "linux":
+        return None
+    try:
+        return ctypes.CDLL(None, use_errno=True)
+    except OSError:
+        return None
+
+
+class Program:
+    """A running child process. Its keyboard is closed, and Ctrl-C on ours does not reach it: it is ended by `kill`."""
+
+    def __init__(self, name: str, command: Sequence[str], folder: Path) -> None:
+        """Start `command` in `folder`, which exists. `ComponentError` where it cannot be started."""
+        self.name = name
+        self._output = folder / OUTPUT
+        library, parent = _prctl(), os.getpid()
+
+        def bind_to_us() -> None:
+            if library is not None:
+                library.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+                if os.getppid() != parent:  # we died in between
+                    os._exit(1)
+
+        try:
+            with self._output.open("wb") as output:
+                self._process = subprocess.Popen(  # noqa: S603 (what is run is the caller's to check)
+                    list(command), cwd=folder, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
+                    start_new_session=True, preexec_fn=bind_to_us,
+                )  # fmt: skip
+        except OSError as error:
+            raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error
+        self._end = weakref.finalize(self, _kill, self._process)  # at the latest when nobody holds it, or at exit
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended yet."""
+        return self._process.poll() is None
+
+    @property
+    def ended(self) -> str:
+        """How it ended, such as "exit 1" or "signal SIGKILL"; "" while it runs."""
+        code = self._process.poll()
+        if code is None:
+            return ""
+        if code >= 0:
+            return f"exit {code}"
+        try:
+            return f"signal {signal.Signals(-code).name}"
+        except ValueError:
+            return f"signal {-code}"
+
+    def last_words(self, lines: int = 8) -> str:
+        """The last lines that it said, "" for none."""
+        try:
+            with self._output.open("rb") as output:
+                output.seek(max(0, output.seek(0, os.SEEK_END) - _TAIL_BYTES))
+                said = output.read().decode("utf-8", "replace")
+        except OSError:
+            return ""
+        kept = [line for line in said.splitlines() if line.strip()]
+        return "\n".join(kept[-lines:])
+
+    def kill(self) -> None:
+        """End it now, and wait until it has. Again does nothing."""
+        self._end()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.kill()
+    process.wait()

@@ -1,0 +1,214 @@
+"""How is one ArduPilot SITL process reached? Its JSON physics backend over UDP, two of its serial ports over TCP.
+
+The process connects out to us, to ports of the loopback that the system chose and that we hold, so any number of runs
+share a machine. One thing of it listens, and cannot be confined: RC input, on UDP and all interfaces
+(AP_RCProtocol_UDP.cpp, `init`). Without that port it has no sticks in the middle, and takes theirs for deflected; we
+choose and hold it too, so that no other program takes it, and what comes from this machine ends with us.
+
+One exchange: a line of JSON goes in, one step of its time passes, a servo packet comes out. It sends a servo packet
+again after a second of silence, under the same count (SIM_JSON.cpp `recv_fdm`, `output_servos`). Everything that it
+wrote to its serial ports in the step is there before the packet, since it writes them first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from time import monotonic
+
+from skyrange.core.errors import ComponentError
+from skyrange.io.programs import Program
+
+LOOPBACK = "127.0.0.1"
+_HEAD = 8
+_SIZES = {(18458).to_bytes(2, "little"): 40, (29569).to_bytes(2, "little"): 72}
+"""Sizes by magic number: rate and count, then 16 or 32 pulse widths (SIM_JSON.h, `servo_packet_16` and `_32`)."""
+_LOOK_S = 0.25
+"""How often a wait looks whether the process still lives."""
+_CHUNK = 1 << 16
+
+
+class Sitl:
+    """One process with its sockets. `serial` are its ports 0 and 1, once it has connected."""
+
+    def __init__(
+        self,
+        name: str,
+        binary: Path,
+        folder: Path,
+        *,
+        home: tuple[float, float, float, float],
+        system_id: int,
+        start_unix_s: int,
+        parameters: str,
+        options: Sequence[str] = (),
+    ) -> None:
+        """Start it in `folder`, which is empty and its own; returns at once.
+
+        `home` is latitude and longitude in degrees, metres above mean sea level and heading in degrees; `parameters`
+        the text of a file of defaults. `ComponentError` where it cannot be started.
+        """
+        self.name = name
+        self.folder = folder
+        self.strangers = 0
+        """Datagrams that were no servo packets of its own."""
+        self.restarts = 0
+        """How often it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks: its clock is at 0 again."""
+        self._count = -1
+        (folder / "defaults.parm").write_text(parameters)
+        self._physics = _bound(socket.SOCK_DGRAM)
+        self._physics.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(_LOOK_S * 1e6)))
+        self._listeners = [_bound(socket.SOCK_STREAM) for _ in range(2)]
+        for listener in self._listeners:
+            listener.listen(1)
+            listener.setblocking(False)
+        self.serial: list[socket.socket | None] = [None, None]
+        self._peer: tuple[str, int] | None = None
+        self._sticks = _bound(socket.SOCK_DGRAM, shared=True)
+        port, sticks = self._physics.getsockname()[1], self._sticks.getsockname()[1]
+        paths = [f"tcpclient:{LOOPBACK}:{listener.getsockname()[1]}" for listener in self._listeners]
+        self.program = Program(
+            name,
+            [
+                str(binary), "--model", f"JSON:{LOOPBACK}", "--home", ",".join(f"{part:.9f}" for part in home),
+                "--defaults", "defaults.parm", "--sysid", str(system_id), "--start-time", str(start_unix_s),
+                "--sim-port-out", str(port), "--rc-in-port", str(sticks), "--serial0", paths[0], "--serial1", paths[1],
+                *(part for number in range(2, 6) for part in (f"--serial{number}", f"none:{number}")), *options,
+            ],
+            folder,
+        )  # fmt: skip
+
+    def send(self, line: bytes) -> None:
+        """Let it compute a step; it has answered before."""
+        assert self._peer is not None
+        with contextlib.suppress(OSError):  # it may have died: the answer tells
+            self._physics.sendto(line, self._peer)
+
+    def servos(self, deadline: float) -> bytes | None:
+        """Its answer: pulse widths in µs, little-endian 16 bits each; `None` where it has ended or it is too late.
+
+        `deadline` is on the clock of `wall_s`. Where it has restarted meanwhile, `restarts` has grown.
+        """
+        while True:
+            try:
+                data, peer = self._physics.recvfrom(256)
+            except BlockingIOError:  # nothing for `_LOOK_S`
+                if wall_s() > deadline or not self.program.running:
+                    return None
+                continue
+            if _SIZES.get(data[:2]) != len(data):
+                self.strangers += 1
+                continue
+            count = int.from_bytes(data[4:8], "little")
+            if peer != self._peer:
+                if self._peer is not None:
+                    if count != 0:
+                        self.strangers += 1
+                        continue
+                    self.restarts += 1
+                self._peer = peer
+            elif count == self._count:
+                continue  # said again
+            self._count = count
+            return data[_HEAD:]
+
+    def accept(self) -> list[int]:
+        """Take the connections of its serial ports that have come; which ports are new."""
+        new = []
+        for place, listener in enumerate(self._listeners):
+            if self.serial[place] is None:
+                with contextlib.suppress(BlockingIOError):
+                    connection, _ = listener.accept()
+                    connection.setblocking(False)
+                    # what is written between two steps must be there in the next one, not when TCP sees fit
+                    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    self.serial[place] = connection
+                    new.append(place)
+        return new
+
+    @property
+    def connected(self) -> bool:
+        """Whether both serial ports are."""
+        return None not in self.serial
+
+    def read(self, place: int) -> bytes:
+        """What it has said on a serial port since it was last asked."""
+        port = self.serial[place]
+        data = b""
+        while port is not None:
+            try:
+                chunk = port.recv(_CHUNK)
+            except (BlockingIOError, ConnectionError):
+                break
+            data += chunk
+            if not chunk:  # closed: it restarts, and will connect again
+                port.close()
+                self.serial[place] = port = None
+            elif len(chunk) < _CHUNK:
+                break
+        return data
+
+    def write(self, place: int, data: bytes) -> bool:
+        """Say something on a serial port; False where it is not connected, or does not read."""
+        port = self.serial[place]
+        if port is None:
+            return False
+        try:
+            return port.send(data) == len(data)
+        except (BlockingIOError, ConnectionError):
+            return False
+
+    def close(self) -> None:
+        """End the process and give the ports back. Again does nothing."""
+        self.program.kill()
+        for each in (self._physics, self._sticks, *self._listeners, *self.serial):
+            if each is not None:
+                each.close()
+
+    def lost(self, what: str) -> ComponentError:
+        """The error of an instance that cannot go on: what happened, how it ended, and its last words."""
+        ended, words = self.program.ended, self.program.last_words()
+        problem = f"{what} ({ended})" if ended else what
+        return ComponentError(self.name, problem, f"It said last:\n{words}" if words else "")
+
+
+class Switchboard:
+    """Which serial ports of many processes have something to say? One question for all of them."""
+
+    def __init__(self) -> None:
+        self._poll = select.epoll()
+        self._lines: dict[int, tuple[int, int]] = {}
+
+    def add(self, who: int, place: int, sitl: Sitl) -> None:
+        """Listen to a port that has just connected; `who` is how the process is called here."""
+        port = sitl.serial[place]
+        assert port is not None
+        self._lines = {number: line for number, line in self._lines.items() if line != (who, place)}
+        self._lines[port.fileno()] = (who, place)
+        self._poll.register(port.fileno(), select.EPOLLIN)
+
+    def speaking(self) -> list[tuple[int, int]]:
+        """(who, place) of the ports that have said something or closed, in order."""
+        heard = self._poll.poll(0)
+        return sorted(self._lines[number] for number, _ in heard if number in self._lines)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._poll.close()
+
+
+def wall_s() -> float:
+    """The clock that deadlines are on, s."""
+    return monotonic()
+
+
+def _bound(kind: socket.SocketKind, shared: bool = False) -> socket.socket:
+    made = socket.socket(socket.AF_INET, kind)
+    if shared:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    made.bind((LOOPBACK, 0))
+    return made

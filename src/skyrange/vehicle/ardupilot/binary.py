@@ -1,0 +1,190 @@
+"""Which `arducopter` is there? Found by variable, PATH or installed copy, and looked into without running it."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import re
+import shlex
+import shutil
+import stat
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final, Literal
+
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.vehicle.ardupilot.executable import ailment
+
+VARIABLE: Final = "SKYRANGE_ARDUCOPTER"
+"""Environment variable that names the binary, before all else."""
+
+PROGRAM: Final = "arducopter"
+
+LEAST: Final = (4, 5)
+"""Versions before this one (major, minor) are refused: names of parameters and of command-line options differ."""
+
+SUPPORTED: Final = (4, 6)
+"""From this version (major, minor) on, flights are expected to work."""
+
+MOST_BYTES: Final = 256 << 20
+"""A file larger than this is not read; ArduPilot's own are 4 to 10 MB, with debug symbols 80 MB."""
+
+ANSWER_S: Final = 10.0
+"""Wall time in which a binary must answer `--help`; it takes some 10 ms."""
+
+OPTIONS: Final = (
+    "--model",
+    "--home",
+    "--defaults",
+    "--serial0",
+    "--serial1",
+    "--sim-port-out",
+    "--start-time",
+    "--sysid",
+)
+"""Options of the command line that the engine uses, as `--help` must list them."""
+
+CAPABILITIES: Final = {
+    "lockstep": b"no_time_sync\0",
+    "GNSS over MAVLink": b"AP_GPS_MAV",
+    "Open Drone ID": b"OpenDroneID",
+}
+"""What a build may have or lack, and what stands in the file then: a key of the JSON backend, names of classes."""
+
+_FIRMWARE: Final = re.compile(
+    rb"(ArduCopter|APM:Copter|ArduPlane|APM:Plane|ArduRover|APM:Rover|ArduSub|Blimp|AntennaTracker|AP_Periph)"
+    rb" V(\d{1,3}\.\d{1,3}(?:\.\d{1,3})?(?:-?[A-Za-z]{1,8}\d{0,3})?)(?=[\0\s(])"
+)
+"""The firmware's name for itself, as each vehicle's version.h spells it ("ArduCopter V4.6.3")."""
+
+_SIMULATION_MARK: Final = b"--speedup"
+"""Stands in the help text of a build for SITL and in no build for a flight controller."""
+
+_SUPPORTED: Final = ".".join(map(str, SUPPORTED))
+
+Source = Literal["SKYRANGE_ARDUCOPTER", "PATH", "installed"]
+
+_HOW_TO_GET: Final = f"Run `skyrange install ardupilot`, or set {VARIABLE} to an arducopter binary for SITL."
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """An ArduCopter for SITL: `version` as its firmware says ("4.6.3", "4.7.0-dev"), `sha256` in hex of the file.
+
+    `capabilities` are those of `CAPABILITIES` that were built in.
+    """
+
+    path: Path
+    sha256: str
+    version: str
+    source: Source
+    capabilities: tuple[str, ...] = ()
+
+
+_seen: dict[tuple[str, int, int], Binary] = {}
+"""Files already read and found good, by path, size and time of change."""
+
+
+def data_folder() -> Path:
+    """Where installed copies are, each in a folder named after its version."""
+    user = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
+    return Path(user) / "skyrange" / "ardupilot"
+
+
+def installed() -> list[Path]:
+    """Installed copies, the newest version first; looked at by name only."""
+    return sorted(data_folder().glob(f"*/{PROGRAM}"), key=lambda path: order(path.parent.name), reverse=True)
+
+
+def find() -> Binary:
+    """The `arducopter` to fly with: of the variable SKYRANGE_ARDUCOPTER, else on PATH, else the newest installed.
+
+    The first that is there counts: if it will not do, that is an `InputError`, and so is none at all.
+    """
+    named = os.environ.get(VARIABLE)
+    if named:
+        return examine(Path(named).expanduser(), VARIABLE)
+    on_path = shutil.which(PROGRAM)
+    if on_path is not None:
+        return examine(Path(on_path), "PATH")
+    for path in installed():
+        return examine(path)
+    places = f"{VARIABLE} (not set), PATH and {data_folder()}"
+    raise InputError.one("ArduPilot", places, "no arducopter", "ArduPilot's ArduCopter for SITL", _HOW_TO_GET)
+
+
+def examine(path: Path, source: Source = "installed") -> Binary:
+    """Look into a file without running it: a whole program for this machine, and an ArduCopter not too old.
+
+    Raises `InputError`, blaming the source, with what the file is instead.
+    """
+    who = {VARIABLE: VARIABLE, "PATH": "arducopter on PATH", "installed": "installed arducopter"}[source]
+    path = path.absolute()
+    where = str(path)
+    try:
+        facts = path.stat()
+        if stat.S_ISDIR(facts.st_mode):
+            hint = "Give the path of the file in it."
+            raise InputError.one(who, where, "a folder", "the arducopter file itself", hint)
+        if not stat.S_ISREG(facts.st_mode):
+            raise InputError.one(who, where, "not a regular file", "an arducopter file", _HOW_TO_GET)
+        if facts.st_size > MOST_BYTES:
+            expected = f"an arducopter, no larger than {MOST_BYTES:,}"
+            raise InputError.one(who, where, f"a file of {facts.st_size:,} bytes", expected, _HOW_TO_GET)
+        key = (where, facts.st_size, facts.st_mtime_ns)
+        if key not in _seen:
+            data = path.read_bytes()
+            version = _version(data, who, where)
+            capabilities = tuple(name for name, mark in CAPABILITIES.items() if mark in data)
+            _seen[key] = Binary(path, hashlib.sha256(data).hexdigest(), version, source, capabilities)
+    except OSError as error:
+        problem = (error.strerror or str(error)).lower()
+        raise InputError.one(who, where, problem, "an arducopter file that can be read", _HOW_TO_GET) from None
+    if not os.access(path, os.X_OK):
+        hint = f"Allow it: chmod +x {shlex.quote(where)}"
+        raise InputError.one(who, where, "a file that may not be run", "an executable", hint)
+    return replace(_seen[key], source=source)
+
+
+def _version(data: bytes, who: str, where: str) -> str:
+    """The version of the ArduCopter that `data` is; `InputError` if it is none for this machine."""
+    machine = platform.machine()
+    expected = f"ArduPilot's ArduCopter for SITL, a Linux program for {machine}"
+    wrong = ailment(data, machine)
+    if wrong:
+        raise InputError.one(who, where, wrong, expected, _HOW_TO_GET)
+    vehicles: dict[str, str] = {}
+    for match in _FIRMWARE.finditer(data):
+        vehicles.setdefault(match[1].decode(), match[2].decode())
+    version = vehicles.get("ArduCopter") or vehicles.get("APM:Copter")
+    if version is None:
+        for name, other in vehicles.items():
+            raise InputError.one(who, where, f"{name} {other}", "ArduCopter, the only vehicle flown here", _HOW_TO_GET)
+        raise InputError.one(who, where, "a program without ArduPilot's version in it", expected, _HOW_TO_GET)
+    if order(version)[0][:2] < LEAST:
+        hint = "`skyrange install ardupilot` gets a newer one."
+        raise InputError.one(who, where, f"ArduCopter {version}", f"version {_SUPPORTED} or newer", hint)
+    if _SIMULATION_MARK not in data:
+        value = f"ArduCopter {version} for a flight controller"
+        raise InputError.one(who, where, value, "a build for SITL", _HOW_TO_GET)
+    return version
+
+
+def order(version: str) -> tuple[tuple[int, ...], int, int]:
+    """By which versions sort: numbers, then dev, beta, rc, released, then the count of the beta or rc."""
+    found = re.match(r"(\d+(?:\.\d+)*)-?([A-Za-z]*)(\d*)", version)
+    if found is None:
+        return (), 0, 0
+    stages = {"dev": 0, "beta": 1, "rc": 2}
+    return tuple(map(int, found[1].split("."))), stages.get(found[2].lower(), 3), int(found[3] or 0)
+
+
+def confirm(who: str, ended: str, text: str) -> None:
+    """Check what `who` answered to `--help`: how it ended, and the text. `ComponentError` if it is not as SITL's is."""
+    if ended != "exit 0":
+        said = text.strip().splitlines()
+        raise ComponentError(who, f"`--help` ended with {ended}" + (f": {said[-1][:200]}" if said else ""))
+    missing = [option for option in OPTIONS if option not in text]
+    if missing:
+        raise ComponentError(who, f"`--help` does not list {', '.join(missing)}", _HOW_TO_GET)

@@ -1,0 +1,66 @@
+"""Which parameters does a firmware have? It is started once, asked for its list, and ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+
+from skyrange.codec.mavlink import Deframer, Packer, decode, dialect
+from skyrange.core.errors import ComponentError
+from skyrange.core.time import NS_PER_S
+from skyrange.io.sitl import Sitl, wall_s
+from skyrange.vehicle.ardupilot.packets import Motion, lines, stamp_s
+
+STEP_NS: Final = 2_500_000
+MOST_S: Final = 30.0
+"""Simulated seconds until the list has to be there; it takes two to four."""
+READY_NS: Final = 5 * NS_PER_S
+"""It has booted by then; a list that is asked for earlier trickles."""
+WALL_S: Final = 20.0
+_STATION: Final = 255
+
+
+@lru_cache(maxsize=8)
+def parameters_of(binary: Path, sha256: str) -> Mapping[str, float]:
+    """Every parameter of a firmware with its default; `sha256` names the file.
+
+    `ComponentError` where it does not answer.
+    """
+    with TemporaryDirectory(prefix="skyrange-") as folder:
+        sitl = Sitl(
+            f"arducopter {binary.name}", binary, Path(folder), home=(0.0, 1.0, 0.0, 0.0), system_id=1, start_unix_s=1,
+            parameters="LOG_BACKEND_TYPE 0\n", options=("--unhide-groups",),
+        )  # fmt: skip
+        try:
+            return _ask(sitl)
+        finally:
+            sitl.close()
+
+
+def _ask(sitl: Sitl) -> Mapping[str, float]:
+    packer, deframer = Packer(_STATION, dialect.MAV_COMP_ID_MISSIONPLANNER), Deframer()
+    standing = Motion(np.zeros((1, 3)), np.array([[0.0, 0.0, -9.80665]]), np.zeros(1), np.eye(1, 4), np.zeros(1))
+    found: dict[str, float] = {}
+    total, asked = -1, False
+    deadline = wall_s() + WALL_S
+    for step in range(1, round(MOST_S * NS_PER_S / STEP_NS)):
+        if sitl.servos(deadline) is None:
+            raise sitl.lost("did not answer when asked for its parameters")
+        sitl.accept()
+        if sitl.connected and not asked and step * STEP_NS >= READY_NS:
+            asked = sitl.write(0, packer.pack(dialect.MAVLink_param_request_list_message(1, 1)))
+        for piece in deframer.feed(sitl.read(0)):
+            if not piece.garbage:
+                message = decode(piece.data)
+                if message.get_type() == "PARAM_VALUE":
+                    found[message.param_id] = float(message.param_value)
+                    total = message.param_count
+        if total > 0 and len(found) >= total:
+            return found
+        sitl.send(lines([stamp_s(step, STEP_NS)], standing)[0])
+    raise ComponentError(sitl.name, f"told {len(found)} of {total} parameters in {MOST_S:g} simulated seconds")

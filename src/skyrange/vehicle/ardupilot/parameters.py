@@ -1,0 +1,117 @@
+"""Which parameters does an ArduPilot instance start with, and under which names does its firmware have them?
+
+A scenario may use the names and units of ArduCopter 4.6 or 4.7; ArduPilot passes over an unknown name in silence, so
+every name is looked up in the list that the binary itself tells before anything starts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.vehicle.builtin.parameter_names import RENAMED, from_nominal, nominal, to_nominal
+from skyrange.vehicle.builtin.parameters import TUNING
+from skyrange.world.airframes import Airframe
+
+LOOP_RATE: Final = "SCHED_LOOP_RATE"
+SIM_RATE: Final = "SIM_RATE_HZ"
+OURS: Final = {
+    "FRAME_CLASS": 1.0,
+    "FRAME_TYPE": 1.0,  # X, as the airframes' rotors are numbered
+    # simulated sensors are ours, with their own errors; what ArduPilot's simulation adds is taken away
+    "SIM_BARO_RND": 0.0,
+    "SIM_DRIFT_SPEED": 0.0,
+    "INS_ACCOFFS_X": 0.001,  # not 0, else it counts as not calibrated; the simulation adds the same
+    "INS_ACCOFFS_Y": 0.001,
+    "INS_ACCOFFS_Z": 0.001,
+    "INS_ACCSCAL_X": 1.001,
+    "INS_ACCSCAL_Y": 1.001,
+    "INS_ACCSCAL_Z": 1.001,
+    "INS_ACC2OFFS_X": 0.001,
+    "INS_ACC2OFFS_Y": 0.001,
+    "INS_ACC2OFFS_Z": 0.001,
+    "INS_ACC2SCAL_X": 1.001,
+    "INS_ACC2SCAL_Y": 1.001,
+    "INS_ACC2SCAL_Z": 1.001,
+    **{
+        f"COMPASS_OFS{number}_{axis}": value
+        for number in ("", "2", "3")
+        for axis, value in zip("XYZ", (5.0, 13.0, -18.0), strict=True)
+    },
+    "BATT_MONITOR": 4.0,
+    "FS_THR_ENABLE": 0.0,  # there is no radio control, but sticks that rest: its simulation's own
+    "LOG_BACKEND_TYPE": 0.0,
+    "GPS1_TYPE": 14.0,
+    "MAV2_OPTIONS": 2.0,
+}
+"""What makes ArduPilot's simulation one of ours: frame, calibration of its simulated sensors, GNSS by GPS_INPUT on a
+private port. The values of calibration are those of its own Tools/autotest/default_params/copter.parm."""
+SETS: Final = frozenset(
+    ("GPS1_TYPE", "MAV2_OPTIONS", "GPS1_DELAY_MS", "MAV_SYSID", "SYSID_THISMAV", "SERIAL0_PROTOCOL", "SERIAL1_PROTOCOL")
+)
+"""Not a scenario's: the range lives by them."""
+_OLD: Final = {"GPS1_TYPE": "GPS_TYPE", "GPS1_DELAY_MS": "GPS_DELAY_MS"}
+
+
+def resolve(name: str, value: float, listed: Mapping[str, float]) -> tuple[str, float] | None:
+    """Name and value as the firmware that lists `listed` has them; `None` where it has no such parameter."""
+    upper = name.upper()
+    if upper in listed:
+        return upper, value
+    known = nominal(upper)
+    plain = to_nominal(upper, value)
+    if known in listed:
+        return known, plain
+    for other, (old, _) in RENAMED.items():
+        if old == known and other in listed:
+            return other, from_nominal(other, plain)
+    return None
+
+
+def start_values(
+    who: str, airframe: Airframe, given: Mapping[str, float], listed: Mapping[str, float], gnss_lag_ms: int
+) -> dict[str, float]:
+    """What the file of defaults says. Raises `InputError` with every name and value of `given` that is wrong."""
+    values: dict[str, float] = {}
+    wanted = {**OURS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **TUNING.get(airframe.name, {})}
+    wanted["MOT_THST_HOVER"] = airframe.hover_thrust
+    wanted["MOT_THST_EXPO"] = airframe.thrust_expo
+    for name, value in wanted.items():
+        found = resolve(name, value, listed) or resolve(_OLD.get(name, name), value, listed)
+        if found is not None:  # versions differ in what they simulate
+            values[found[0]] = found[1]
+    faults = []
+    for name, value in given.items():
+        found = resolve(name, value, listed)
+        if found is None:
+            faults.append(Fault(name, f"{value:g}", "a parameter that this firmware lists", nearest(name, listed)))
+        elif found[0] in SETS:
+            faults.append(Fault(name, f"{value:g}", "a parameter that the range does not set itself"))
+        elif not math.isfinite(value):
+            faults.append(Fault(name, f"{value}", "a finite number"))
+        else:
+            values[found[0]] = found[1]
+    if faults:
+        raise InputError(f"params of {who}", faults)
+    return values
+
+
+def text_of(values: Mapping[str, float]) -> str:
+    """A file of defaults."""
+    return "".join(f"{name} {value:.9g}\n" for name, value in sorted(values.items()))
+
+
+def steps_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> tuple[int, int]:
+    """How time is cut: (exchanges per tick, ticks per exchange), one of them 1.
+
+    ArduPilot arms only if its gyros are read 1.8 times as often as its loop runs (AP_Arming.cpp, `ins_checks`), and
+    reads them once per exchange; SIM_RATE_HZ may ask for more.
+    """
+    loop_hz = values.get(LOOP_RATE, listed.get(LOOP_RATE, 400.0))
+    least_hz = max(1.8 * loop_hz, values.get(SIM_RATE, 0.0))
+    per_tick = least_hz * quantum_s
+    if per_tick > 0.5 + 1e-9:
+        return max(1, math.ceil(per_tick - 1e-9)), 1
+    return 1, max(1, math.floor(1.0 / per_tick + 1e-9))

@@ -1,0 +1,126 @@
+"""What has happened aboard? Read from what an ArduPilot says, mostly on its private port; told as the builtin does.
+
+The private port is asked for a few reports ten times a second, so an event is known within 0.1 s; that of a lost
+position from STATUSTEXT. Why a mode changed is not said by any message, and causes are not known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from skyrange.codec.mavlink import Message, decode, dialect, message_id
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import NS_PER_S, Time
+
+Event = tuple[str, Mapping[str, str | int | float | bool]]
+"""Kind and data of a note about the aircraft."""
+
+REPORTS: Final = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 10.0,
+    dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 10.0,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
+}
+"""What the private port is asked for, in Hz."""
+GLITCHING: Final = 1 << 15
+"""EKF_STATUS_REPORT.flags (AP_NavEKF/AP_Nav_Common.h, `gps_glitching`)."""
+POSITIONED: Final = int(dialect.EKF_POS_HORIZ_ABS)
+JUMP_M: Final = 1.5
+"""What belief moves beyond its velocity between two reports is a reset."""
+_GROUND: Final = int(dialect.MAV_LANDED_STATE_ON_GROUND)
+_ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+_DEGREE_M: Final = math.radians(6_378_137.0)
+_HEARD: Final = frozenset((dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED, dialect.MAVLINK_MSG_ID_STATUSTEXT))
+_ITEMS: Final = frozenset((dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT, dialect.MAVLINK_MSG_ID_MISSION_ITEM))
+_TEXTS: Final[dict[str, Event]] = {
+    "EKF variance": ("event.ekf_failsafe", {"on": True}),
+    "EKF Failsafe Cleared": ("event.ekf_failsafe", {"on": False}),
+    "EKF3 IMU0 stopped aiding": ("event.estimator", {"aiding": "none"}),
+    "EKF3 IMU0 is using GPS": ("event.estimator", {"aiding": "gnss"}),
+}
+
+
+def mode_name(number: int) -> str:
+    """Of a HEARTBEAT's custom_mode."""
+    entry = dialect.enums["COPTER_MODE"].get(number)
+    return str(entry.name).removeprefix("COPTER_MODE_") if entry is not None else str(number)
+
+
+class Witness:
+    """What is known of one aircraft; every change is an event."""
+
+    def __init__(self) -> None:
+        self.mode = -1
+        self.armed = False
+        self.landed = True
+        self.flags = 0
+        """Of the estimator's last report."""
+        self._glitching = False
+        self._mission: dict[int, int] = {}
+        self._place: tuple[Time, float, float, float, float, float, float] | None = None
+
+    def uploaded(self, payload: bytes) -> None:
+        """A frame goes to the autopilot: a mission's item tells which command a number stands for."""
+        if message_id(payload) in _ITEMS:
+            try:
+                item = decode(payload)
+            except DecodeError:
+                return
+            self._mission[item.seq] = item.command
+
+    def said(self, payload: bytes) -> Iterator[Event]:
+        """What a frame on its public port tells."""
+        if message_id(payload) not in _HEARD:
+            return
+        message = decode(payload)
+        if message.get_type() == "MISSION_ITEM_REACHED":
+            yield "event.item_reached", {"seq": message.seq, "command": self._mission.get(message.seq, 0)}
+        else:
+            event = _TEXTS.get(message.text)
+            if event is not None:
+                yield event
+
+    def reported(self, now: Time, message: Message) -> Iterator[Event]:
+        """What a message on its private port tells."""
+        kind = message.get_type()
+        if kind == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+            if message.custom_mode != self.mode:
+                first, self.mode = self.mode < 0, message.custom_mode
+                if not first:
+                    yield "event.mode", {"mode": mode_name(self.mode), "number": self.mode, "reason": ""}
+            armed = bool(message.base_mode & _ARMED)
+            if armed != self.armed:
+                self.armed = armed
+                yield ("event.armed", {"forced": False}) if armed else ("event.disarmed", {"reason": ""})
+        elif kind == "EXTENDED_SYS_STATE":
+            landed = message.landed_state == _GROUND
+            if landed != self.landed:
+                self.landed = landed
+                yield ("event.landed" if landed else "event.takeoff"), {}
+        elif kind == "EKF_STATUS_REPORT":
+            self.flags = message.flags
+            glitching = bool(message.flags & GLITCHING)
+            if glitching != self._glitching:
+                self._glitching = glitching
+                yield "event.glitch", {"on": glitching}
+        elif kind == "GLOBAL_POSITION_INT":
+            yield from self._moved(now, message)
+
+    def _moved(self, now: Time, message: Message) -> Iterator[Event]:
+        """Belief that jumps is a reset of the estimator."""
+        lat, lon, up = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
+        velocity = (message.vx * 1e-2, message.vy * 1e-2, -message.vz * 1e-2)
+        before, self._place = self._place, (now, lat, lon, up, *velocity)
+        if before is None or not self.flags & POSITIONED:
+            return
+        north = (lat - before[1]) * _DEGREE_M
+        east = (lon - before[2]) * _DEGREE_M * math.cos(math.radians(lat))
+        seconds = (now - before[0]) / NS_PER_S
+        jump = [
+            way - 0.5 * seconds * (speed + was)
+            for way, speed, was in zip((north, east, up - before[3]), velocity, before[4:], strict=True)
+        ]
+        if math.hypot(*jump) >= JUMP_M:
+            yield "event.estimator", {"reset": "position", "east_m": jump[1], "north_m": jump[0], "up_m": jump[2]}
