@@ -7,7 +7,9 @@ On Linux the kernel kills a child when the thread that started it ends (prctl(2)
 from __future__ import annotations
 
 import ctypes
+import math
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -21,6 +23,19 @@ OUTPUT = "output.txt"
 """What a program says, both streams, in its folder."""
 _PR_SET_PDEATHSIG = 1
 _TAIL_BYTES = 4096
+_FILES_BESIDE = 256
+"""Open files of everything else."""
+
+
+def make_room(files: int, who: str) -> None:
+    """See to it that so many more files and sockets can be open; `ComponentError` where the system forbids it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = files + _FILES_BESIDE
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        raise ComponentError(who, f"needs {needed} open files, and {hard} are allowed", f"Try `ulimit -n {needed}`")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 def _prctl() -> ctypes.CDLL | None:
@@ -79,6 +94,15 @@ class Program:
             return f"signal {signal.Signals(-code).name}"
         except ValueError:
             return f"signal {-code}"
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that it has taken, user and system, in seconds; NaN where the system does not tell (/proc)."""
+        try:
+            told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return math.nan
+        return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
 
     def last_words(self, lines: int = 8) -> str:
         """The last lines that it said, "" for none."""

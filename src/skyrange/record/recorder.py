@@ -226,7 +226,7 @@ class Recorder:
         if now >= state.truth_due and vehicles:
             state.truth_due = now - now % state.truth_ns + state.truth_ns
             columns = dict(world.truth())
-            self._truth.append(TruthTick(now, vehicles, columns))
+            self._truth.append(TruthTick(now, vehicles, tuple(world.sources), columns))
             self._tick_bytes += len(vehicles) * 8 * (len(columns) + 2)
         if now >= state.sensors_due and vehicles:
             state.sensors_due = now - now % state.sensors_ns + state.sensors_ns

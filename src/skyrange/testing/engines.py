@@ -87,7 +87,9 @@ def check_engine(
     ENGINE.check(f"engine {who}", EngineCase(factory, specs, world, mail, until))
 
 
-@ENGINE.rule("declares", "Has a name, a clock, a repeatability and a pre-roll of 0 ns or more.")
+@ENGINE.rule(
+    "declares", "Has a name, a clock, a repeatability, a pre-roll of 0 ns or more, and moves none but its own."
+)
 def _declares(case: EngineCase) -> None:
     engine = case.make()
     need(isinstance(engine.name, str) and bool(engine.name), f"name is {engine.name!r}", "text")
@@ -95,6 +97,8 @@ def _declares(case: EngineCase) -> None:
     need(engine.repeatable in ("bytes", "outcome"), f"repeatable is {engine.repeatable!r}", "bytes or outcome")
     preroll = engine.preroll_ns
     need(isinstance(preroll, int) and preroll >= 0, f"preroll_ns is {preroll!r}", "an int of 0 or more nanoseconds")
+    strange = [vehicle for vehicle in engine.moves if vehicle not in engine.vehicles]
+    need(not strange, f"moves {strange}", "vehicles of its own")
 
 
 @ENGINE.rule("vehicles", "Lists the vehicles it was made for, in that order, and ports of theirs, each once.")
@@ -134,6 +138,11 @@ def _actuators(case: EngineCase) -> None:
     shapes: set[tuple[int, ...]] = set()
     case.flight().fly(case.until, look=lambda _, finished, __: shapes.add(finished.actuators.shape))
     need(len(shapes) == 1, f"actuators had the shapes {sorted(shapes)}", "one shape")
+
+
+@ENGINE.rule("poses", "Imposes none but poses that a body can have, on vehicles that it says it moves.")
+def _poses(case: EngineCase) -> None:
+    case.flight().fly(case.until)
 
 
 @ENGINE.rule(

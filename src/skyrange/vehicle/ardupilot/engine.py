@@ -25,7 +25,8 @@ from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.io.sitl import Sitl, Switchboard, wall_s
+from skyrange.io.programs import make_room
+from skyrange.io.sitl import FILES, Sitl, Switchboard, wall_s
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.binary import find
 from skyrange.vehicle.ardupilot.gnss import Receivers
@@ -39,10 +40,11 @@ QUANTUM_NS: Time = 2_500_000
 """The world's tick; the first exchange tells whether it is."""
 PREROLL_NS: Time = 45 * NS_PER_S
 """Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
+_TRIES = 5
 PRIVATE = 1
 """The serial port that no ground station hears."""
-START_S = 30.0
-"""Wall seconds in which a process has to have come up."""
+START_S = 60.0
+"""Wall seconds in which a process has to have come up, and in which it has to answer while it boots."""
 
 
 class Options(Params):
@@ -89,6 +91,7 @@ class ArduPilotFleet:
     clock: Literal["lockstep", "wall"] = "lockstep"
     repeatable: Literal["bytes", "outcome"] = "bytes"
     preroll_ns: Time = PREROLL_NS
+    moves: Sequence[str] = ()
 
     def __init__(
         self,
@@ -133,6 +136,7 @@ class ArduPilotFleet:
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
         """Start all processes at once, then wait until the last of them has spoken."""
+        make_room(FILES * len(self._specs), f"engine {self.name}")
         self._folder = TemporaryDirectory(prefix="skyrange-")
         for row, spec in enumerate(self._specs):
             lag_ms = int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS
@@ -143,24 +147,36 @@ class ArduPilotFleet:
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
             self._instances.append(_Instance(spec, values, per_tick, ticks, packer))
         for one in self._instances:
-            folder = Path(self._folder.name) / one.spec.vehicle.replace("/", "-")
-            folder.mkdir()
-            east_m, north_m, up_m = one.spec.home_enu_m
-            lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
-            one.sitl = Sitl(
-                f"arducopter of {one.spec.vehicle}",
-                self.binary.path,
-                folder,
-                home=(lat_deg, lon_deg, self._origin.alt_msl_m + up_m, one.spec.heading_deg % 360.0),
-                system_id=one.spec.system_id,
-                start_unix_s=(self._epoch.unix_ns + tick) // NS_PER_S,
-                parameters=parameters.text_of(one.values),
-            )
+            one.sitl = self._launch(one, tick, "")
         deadline = wall_s() + START_S
+        taken: set[int] = set()
         for one in self._instances:
+            for again in range(_TRIES):
+                assert one.sitl is not None
+                if one.sitl.servos(deadline) is None:
+                    raise one.sitl.lost(f"did not come up within {START_S:g} s")
+                if one.sitl.port not in taken:
+                    break
+                one.sitl.close()  # it shares its port with another, and one of them would not hear us
+                one.sitl = self._launch(one, tick, f"-{again + 2}")
             assert one.sitl is not None
-            if one.sitl.servos(deadline) is None:
-                raise one.sitl.lost(f"did not come up within {START_S:g} s")
+            taken.add(one.sitl.port)
+
+    def _launch(self, one: _Instance, tick: Time, suffix: str) -> Sitl:
+        assert self._folder is not None
+        folder = Path(self._folder.name) / (one.spec.vehicle.replace("/", "-") + suffix)
+        folder.mkdir()
+        east_m, north_m, up_m = one.spec.home_enu_m
+        lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
+        return Sitl(
+            f"arducopter of {one.spec.vehicle}",
+            self.binary.path,
+            folder,
+            home=(lat_deg, lon_deg, self._origin.alt_msl_m + up_m, one.spec.heading_deg % 360.0),
+            system_id=one.spec.system_id,
+            start_unix_s=(self._epoch.unix_ns + tick) // NS_PER_S,
+            parameters=parameters.text_of(one.values),
+        )
 
     def leaves(self) -> Mapping[str, Path]:
         """The DataFlash logs to be kept, by their names in the run's folder; they are there until `close`."""
@@ -182,6 +198,11 @@ class ArduPilotFleet:
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that the processes have taken so far, in seconds."""
+        return sum(one.sitl.program.cpu_s for one in self._instances if one.sitl is not None)
 
     # ---------------------------------------------------------------- a tick
 
@@ -219,7 +240,8 @@ class ArduPilotFleet:
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
-        deadline = wall_s() + wall_deadline_s
+        booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
+        deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
         answers: dict[int, bytes] = {}
         due, turn = self._due, 0
