@@ -66,6 +66,7 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
     flight["armed"][row] = 0
     flight["landed"][row] = 1
     flight["control"][row] = Control.OFF
+    flight["spool"][row] = 0.0
     flight["flags"][row] = flight["seen"][row] = 0
     craft.ready = False
     craft.stage = Stage.NONE
@@ -97,7 +98,6 @@ def take_off(fleet: Fleet, craft: Craft, up: float) -> None:
     flight["target_pos"][row, 2] = up
     flight["heading"][row] = Heading.HOLD
     if flight["landed"][row]:
-        flight["spool"][row] = 0.0
         flight["throttle"][row] = 0.0
         loop.rest(flight, row)
         fleet.timer(craft, Timer.IDLE)
