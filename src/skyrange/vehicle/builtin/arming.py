@@ -34,6 +34,7 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
     flight = fleet.flight
     if not craft.home_locked:
         fleet.take_home(craft, fleet.position(craft))
+    craft.armed_yaw = float(fleet.estimate["yaw"][craft.row])
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
     flight["landed"][row] = 1
