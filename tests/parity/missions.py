@@ -76,7 +76,7 @@ def scenario(wind_mps: float, names: Sequence[str] = (*PLANS, WATCHED)) -> Scena
     return Scenario(
         name="parity",
         duration_s=110.0,
-        origin={"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 584.0, "geoid_m": 19.0},
+        origin={"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 0.0},
         wind={"speed_mps": wind_mps, "from_deg": 315.0},
         sensors={"noise": 0.0},
         operators=operators,

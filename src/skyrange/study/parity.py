@@ -7,14 +7,14 @@ Times count from the lift-off or from the end of the leg before, so that one lat
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.links import TapPlacement
-from skyrange.codec.mavlink import message_name
+from skyrange.codec.mavlink import decode, message_name
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
@@ -38,9 +38,9 @@ _TRUTH = ("east_m", "north_m", "up_m", "vel_east_mps", "vel_north_mps", "vel_up_
 class Flown:
     """One aircraft's flight. Times in s since the scenario's start.
 
-    `modes` and `items` are what happened, in order: (time, mode) and (time, sequence number). `measures` are numbers
-    by name, the unit in the name. `sent` counts its messages by name on the `autopilot` link, `rates_hz` says how
-    often each came from lift-off to touchdown.
+    `modes` are the modes that it changed to, (time, name); `items` what it told to be reached, (time, sequence number).
+    `measures` are numbers by name, the unit in the name. `sent` counts its messages by name on the `autopilot` link,
+    `rates_hz` says how often each came from lift-off to touchdown.
     """
 
     vehicle: str
@@ -139,7 +139,7 @@ def measured(record: RunRecord) -> dict[str, Flown]:
     beside = deviations_m(fleet, tracks, waypoints)
     truth = _truth(record)
     windows = {one.id: _in_air_s(one, truth[one.id]) for one in fleet}
-    sent, rates = _messages(record, windows)
+    said = _said(record, windows)
     flown = {}
     for one in fleet:
         own = [event for event in events if event.about == one.id]
@@ -156,10 +156,10 @@ def measured(record: RunRecord) -> dict[str, Flown]:
             autopilot=one.autopilot,
             outcome=str(record.outcomes.get(one.id, {}).get("state") or "unfinished"),
             modes=tuple((e.time_ns / NS_PER_S, str(e.data["mode"])) for e in own if e.kind == "event.mode"),
-            items=tuple((e.time_ns / NS_PER_S, int(e.data["seq"])) for e in own if e.kind == "event.item_reached"),
+            items=tuple(said[one.id].items),
             measures=measures,
-            sent=sent[one.id],
-            rates_hz=rates[one.id],
+            sent=said[one.id].counts,
+            rates_hz={name: count / (down_s - lift_s) for name, count in said[one.id].aloft.items()},
             path=(aloft[:, 0] - lift_s, aloft[:, 1:4]),
         )
     return flown
@@ -218,24 +218,28 @@ def _measures(
         yield "yaw_rate_max_degps", float(np.degrees(spun.max()))
 
 
-def _messages(
-    record: RunRecord, windows: Mapping[str, tuple[float, float]]
-) -> tuple[dict[str, dict[str, int]], dict[str, dict[str, float]]]:
-    """What each autopilot sent: counts of the whole run, and rates in the air."""
+@dataclass(slots=True)
+class _Said:
+    """What one autopilot said."""
+
+    counts: dict[str, int] = field(default_factory=dict)
+    aloft: dict[str, int] = field(default_factory=dict)
+    items: list[tuple[float, int]] = field(default_factory=list)
+
+
+def _said(record: RunRecord, windows: Mapping[str, tuple[float, float]]) -> dict[str, _Said]:
     owners = {link_name("autopilot", name): name for name in windows}
-    counts: dict[str, dict[str, int]] = {name: {} for name in windows}
-    aloft: dict[str, dict[str, int]] = {name: {} for name in windows}
+    found = {name: _Said() for name in windows}
     for frame in record.frames_with_payloads():
-        name = owners.get(frame.link)
-        if name is None or frame.sender != endpoint(name, "autopilot"):
+        owner = owners.get(frame.link)
+        if owner is None or frame.sender != endpoint(owner, "autopilot"):
             continue
-        said = message_name(frame.payload) or "garbage"
-        counts[name][said] = counts[name].get(said, 0) + 1
-        lift_s, down_s = windows[name]
-        if lift_s <= frame.sent_ns / NS_PER_S <= down_s:
-            aloft[name][said] = aloft[name].get(said, 0) + 1
-    rates = {
-        name: {said: count / (windows[name][1] - windows[name][0]) for said, count in own.items()}
-        for name, own in aloft.items()
-    }
-    return counts, rates
+        said, at_s = found[owner], frame.sent_ns / NS_PER_S
+        name = message_name(frame.payload) or "garbage"
+        said.counts[name] = said.counts.get(name, 0) + 1
+        lift_s, down_s = windows[owner]
+        if lift_s <= at_s <= down_s:
+            said.aloft[name] = said.aloft.get(name, 0) + 1
+        if name == "MISSION_ITEM_REACHED":
+            said.items.append((at_s, int(decode(frame.payload).seq)))
+    return found

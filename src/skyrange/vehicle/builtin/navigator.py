@@ -245,6 +245,7 @@ def _go_on(fleet: Fleet, craft: Craft, first: int) -> None:
         do_items.run(fleet, craft, first)
     else:
         do_items.done(fleet, craft, first)
+        _tell(fleet, craft)
         do_items.run(fleet, craft, first + 1)
 
 
