@@ -110,8 +110,10 @@ def compare(
 ) -> Parity:
     """Fly `scenario` with all aircraft under each of two autopilots, into `folder`, and measure.
 
-    `taps` are placed on the links of both runs. Raises as `session.fly` does.
+    `taps` are placed on the links of both runs. Raises as `session.fly` does, and `ValueError` for a kind twice.
     """
+    if len(set(autopilots)) < len(autopilots):
+        raise ValueError(f"two kinds of autopilot are compared, not {autopilots[0]} with itself")
     flown = []
     for kind in autopilots:
         record = fly(_under(scenario, kind), folder / kind, taps=taps, on_progress=on_progress, report=False)

@@ -321,7 +321,7 @@ _MOST = float(np.finfo(np.float32).max)
 
 
 def hover_throttle(airframe: Airframe) -> float:
-    """What ArduCopter would learn as MOT_THST_HOVER: the thrust to ask for so that the command carries the weight.
+    """MOT_THST_HOVER: what to ask for so that the command carries the weight, at the battery's rated voltage.
 
     It is less than the share of full thrust, for no thrust is MOT_SPIN_MIN and full thrust MOT_SPIN_MAX
     (`Thrust_Linearization::actuator_to_thrust`, with the defaults).

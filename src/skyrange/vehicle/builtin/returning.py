@@ -67,7 +67,7 @@ def arrived(fleet: Fleet, craft: Craft) -> None:
 
 
 def waited(fleet: Fleet, craft: Craft) -> None:
-    """The wait above home is over: land, or descend to RTL_ALT_FINAL and stay; first the nose has to be where it was."""
+    """The wait above home is over, and the nose is where it was: land, or descend to RTL_ALT_FINAL and stay."""
     if not facing.is_as_armed(fleet, craft):
         fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
         return
