@@ -95,6 +95,7 @@ _SECTIONS = (
     ("Wind", "`[wind]`"),
     ("Sensors", "`[sensors]`"),
     ("Record", "`[record]`"),
+    ("Autopilots", "`[autopilots]`"),
     ("Radio", "`[radio]`"),
     ("Receiver", "`[[radio.receivers]]`"),
     ("Link", "`[[links]]`"),

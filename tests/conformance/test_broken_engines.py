@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
+from skyrange.agent.contracts import Finished, InstanceStatus, Poses, Sensors
 from skyrange.agent.messages import Inbox, Note, Outbox
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -33,6 +33,7 @@ class Lifter:
     clock: Any = "lockstep"
     repeatable: Any = "bytes"
     preroll_ns: Any = 0
+    moves: Any = ()
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], *given: object) -> None:
         self.name = name
@@ -71,6 +72,10 @@ def check(factory: Any) -> None:
 
 def test_the_unbroken_one_conforms() -> None:
     check(Lifter)
+
+
+def test_one_that_moves_its_aircraft_itself_conforms() -> None:
+    check(Carried)
 
 
 def with_(**attributes: Any) -> type[Lifter]:
@@ -241,6 +246,39 @@ class Echoes(Lifter):
                 self.out.send(arrival.port, b"what??")
 
 
+class Carried(Lifter):
+    """Moves its aircraft itself: straight up at 1 m/s. Keeps every rule."""
+
+    far_m = 0.0
+
+    def __init__(self, name: str, specs: Sequence[VehicleSpec], *given: object) -> None:
+        super().__init__(name, specs, *given)
+        self.moves = list(self.vehicles)
+        self.home = np.array([spec.home_enu_m for spec in specs])
+
+    def finish(self, tick: Time, wall_deadline_s: float) -> Any:
+        finished = super().finish(tick, wall_deadline_s)
+        n = len(self.vehicles)
+        up = np.tile((0.0, 0.0, 1.0), (n, 1))
+        place = self.home + up * (max(tick, 0) / NS_PER_S + self.far_m)
+        level = np.tile((1.0, 0.0, 0.0, 0.0), (n, 1))
+        finished.poses = Poses(np.full(n, tick % self.service_ns == 0), place, up, level, np.zeros((n, 3)))
+        return finished
+
+
+class Unasked(Carried):
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.moves = []
+
+
+class Posed(Lifter):
+    def finish(self, tick: Time, wall_deadline_s: float) -> Any:
+        finished = super().finish(tick, wall_deadline_s)
+        finished.poses = finished.actuators
+        return finished
+
+
 READY = InstanceStatus.READY
 
 BREAKING: list[tuple[str, Any]] = [
@@ -262,6 +300,11 @@ BREAKING: list[tuple[str, Any]] = [
     ("actuators", commanding(lambda motors, tick: motors[:-1])),
     ("actuators", commanding(lambda motors, tick: motors[:, 0])),
     ("actuators", commanding(lambda motors, tick: motors if tick else motors[:, :1])),
+    ("declares", with_(moves=["red/r1"])),
+    ("poses", Posed),
+    ("poses", Unasked),
+    ("poses", type("Lost", (Carried,), {"far_m": np.nan})),
+    ("poses", type("Gone", (Carried,), {"far_m": 1e9})),
     ("status", stating(lambda n: ["ready"] * n)),
     ("status", stating(lambda n: [READY] * (n + 1))),
     ("status", stating(lambda n: [READY] * (n - 1) + [InstanceStatus.BOOTING])),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, World
+from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, Source, World
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import Channel, LinkSpec, Route
 from skyrange.agent.messages import Inbox, Note, Outbox
@@ -200,6 +200,10 @@ class Bodies:
     def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:
         self._command[rows] = actuators
 
+    @property
+    def sources(self) -> Sequence[Source]:
+        return (Source.DYNAMIC,) * len(self.vehicles)
+
     def truth(self) -> Mapping[str, NDArray[np.float64]]:
         return {"up_m": self._height_m.copy()}
 
@@ -209,6 +213,7 @@ class Climber:
 
     clock: Literal["lockstep", "wall"] = "lockstep"
     repeatable: Literal["bytes", "outcome"] = "bytes"
+    moves: Sequence[str] = ()
 
     def __init__(
         self,

@@ -120,7 +120,8 @@ def _truth(*ticks: TruthTick) -> str:
 
 
 def _tick(time_ns: int, vehicles: tuple[str, ...], **columns: list[float]) -> TruthTick:
-    return TruthTick(time_ns, vehicles, {name: np.array(values) for name, values in columns.items()})
+    given = {name: np.array(values) for name, values in columns.items()}
+    return TruthTick(time_ns, vehicles, ("dynamic",) * len(vehicles), given)
 
 
 def test_truth_counts_every_bit_and_no_order() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.contracts import Floats, Observer, Sensors
+from skyrange.agent.contracts import Floats, Observer, Sensors, Source
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.messages import Note
 from skyrange.agent.verdicts import Label
@@ -34,6 +34,7 @@ class StillWorld:
 
     def __init__(self, vehicles: Sequence[str] = VEHICLES) -> None:
         self.vehicles = vehicles
+        self.sources = (Source.DYNAMIC,) * len(vehicles)
         self.ticks = 0
 
     def advance(self, now: Time) -> Sequence[Note]:

@@ -61,6 +61,7 @@ class Flight:
             np.zeros((1, 3)),
             np.zeros(1),
             np.zeros(1),
+            np.zeros(1, dtype=np.uint8),
         )
         for _ in range(round(seconds / STEP_S)):
             multirotor.advance(*arguments)

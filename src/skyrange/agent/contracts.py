@@ -174,22 +174,58 @@ class InstanceStatus(StrEnum):
     DEAD = "dead"
 
 
+class Source(StrEnum):
+    """What moves a body."""
+
+    DYNAMIC = "dynamic"
+    """The world: forces on it."""
+    KINEMATIC = "kinematic"
+    """Its engine, which imposes its pose."""
+
+
+@dataclass(slots=True)
+class Poses:
+    """Where an engine's own dynamics have brought its vehicles at one tick: rows in the engine's vehicle order.
+
+    Frames as in `Sensors`. Every number of a fresh row is finite, and its quaternion of length 1 to a hundredth; the
+    other rows are not read.
+    """
+
+    fresh: NDArray[np.bool_]
+    """(n,) whether the row says something new; the vehicle goes on by its last pose where it does not."""
+    position_enu_m: Floats
+    """(n, 3) of the bottom of the gear."""
+    vel_enu_mps: Floats
+    """(n, 3) velocity."""
+    attitude: Floats
+    """(n, 4) quaternion w, x, y, z, body to local."""
+    rates_radps: Floats
+    """(n, 3) body rates."""
+
+
 @dataclass(slots=True)
 class Finished:
     """What an engine hands back for one tick."""
 
     actuators: Floats
-    """(n, motors) commands in 0…1, rows in the engine's vehicle order."""
+    """(n, motors) commands in 0…1, rows in the engine's vehicle order.
+
+    Of a vehicle that the engine moves itself: what its motors are told there, zeros where that is not known. They move
+    nothing, but turn its rotors, drain its battery and shake its sensors.
+    """
     outbox: Outbox
     status: Sequence[InstanceStatus] | None = None
     """Per vehicle; `None` means all are ready."""
+    poses: Poses | None = None
+    """Of the vehicles in `Engine.moves`; `None` means that nothing is new."""
 
 
 class Engine(Protocol):
     """All aircraft of one autopilot kind, stepped together: first `begin` on all engines, then `finish`.
 
     An engine that runs programs starts them at its first `begin`, has a method `close()` that ends them, called once
-    when the run ends however it does, and a mapping `manifest` that says in the record what they are. A model
+    when the run ends however it does, and a mapping `manifest` that says in the record what they are. Before that
+    `leaves()` may name files of theirs that are worth keeping, by their names in the run's folder. A model
     `options` (`agent.settings.Params`) of its factory says what a scenario may tell it, as keyword `options`.
     """
 
@@ -203,6 +239,9 @@ class Engine(Protocol):
     repeatable: Literal["bytes", "outcome"]
     preroll_ns: Time
     """How long before time 0 it must be ticked to boot (0 for the builtin)."""
+    moves: Sequence[str]
+    """Those of `vehicles` whose poses it imposes, by dynamics of its own; the world moves the others. One whose
+    instance dies is the world's from then on, and falls."""
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Hand the tick's sensors and the mail that came since the last service to all instances."""
@@ -229,6 +268,22 @@ class World(Protocol):
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set the motor commands that hold until the next tick."""
+        ...
+
+    @property
+    def sources(self) -> Sequence[Source]:
+        """What moves each body, in vehicle order."""
+        ...
+
+    def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
+        """From now on these move some bodies; each goes on from where it is, with motors at rest."""
+        ...
+
+    def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
+        """Say where kinematic bodies are now; the next tick takes them from there on.
+
+        Raises ValueError for a pose that no body can have, or of a body that is not kinematic.
+        """
         ...
 
     def motion(self) -> tuple[Floats, Floats]:

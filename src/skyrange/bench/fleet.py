@@ -6,6 +6,7 @@ import math
 import multiprocessing
 import tempfile
 import time
+from collections.abc import Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from skyrange.scenario.schema import (
     path,
 )
 
-__all__ = ["PARTS", "fleet_scenario", "measure"]
+__all__ = ["PARTS", "WARM_UP_S", "fleet_scenario", "flying", "measure"]
 
 WARM_UP_S = 30.0
 """Simulated seconds before measuring: plans are approved, uploaded, read back, and all are flying by then."""
@@ -44,7 +45,14 @@ HORIZON_M = 400.0
 """Of the radio medium, what opendroneid.org gives Wi-Fi at best; some thirty aircraft are nearer than that."""
 
 
-def fleet_scenario(vehicles: int, seconds: float, load: str = "light", remote_id: bool = False) -> Scenario:
+def fleet_scenario(
+    vehicles: int,
+    seconds: float,
+    load: str = "light",
+    remote_id: bool = False,
+    autopilot: str = "builtin",
+    params: Mapping[str, float] | None = None,
+) -> Scenario:
     """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
 
     `load` is the telemetry that ground stations ask for, a profile of `gcs.streams`. With `remote_id` each goes round a
@@ -66,6 +74,8 @@ def fleet_scenario(vehicles: int, seconds: float, load: str = "light", remote_id
                 east_m=first_m + spacing_m * (index % columns), north_m=first_m + spacing_m * (index // columns)
             ),
             plan=path(points, alt_m=30.0, speed_mps=SPEED_MPS),
+            autopilot=autopilot,
+            params=dict(params or {}),
         )
         for index in range(vehicles)
     ]
@@ -151,7 +161,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str, r
             "wall_s": round(wall_s, 3),
             "setup_s": round(setup_s, 3),
             "finalise_s": round(finalise_s, 3),
-            "flying": _flying(record),
+            "flying": flying(record),
             "receptions_per_s": round(record.rows("receptions") / to_seconds(run.now), 1),
             "frames_per_s": round(record.rows("frames") / to_seconds(run.now), 1),
             "disk_mb": round(sum(f.stat().st_size for f in record.path.rglob("*") if f.is_file()) / 1e6, 2),
@@ -161,7 +171,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str, r
     answer.close()
 
 
-def _flying(record: Any) -> int:
+def flying(record: Any) -> int:
     """Aircraft that were off the ground from the end of the warm-up to the end."""
     import pyarrow.compute as pc
 

@@ -56,6 +56,13 @@ def _complete_scenario(incomplete: str) -> list[str]:
     return [name for name in SHIPPED if name.startswith(incomplete)]
 
 
+class Rates(StrEnum):
+    """Loop rates of ArduPilot that the benchmark measures."""
+
+    FULL = "full"
+    REDUCED = "reduced"
+
+
 class Load(StrEnum):
     """Telemetry profiles that the benchmark measures."""
 
@@ -255,6 +262,25 @@ def fleet(
 ) -> None:
     """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
     commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, as_json)
+
+
+@bench_app.command("ardupilot", epilog="Example: skyrange bench ardupilot --vehicles 5 --rates reduced --json")
+def ardupilots(
+    vehicles: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 1, 5 and 20."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 20.0,
+    load: Annotated[
+        Load, typer.Option(metavar="LOAD", help="Telemetry asked for: light, or operator, what QGroundControl asks.")
+    ] = Load.LIGHT,
+    rates: Annotated[
+        Rates, typer.Option(metavar="RATES", help="Loop rates: full, ArduCopter's own 400 Hz, or reduced, 100 Hz.")
+    ] = Rates.FULL,
+    as_json: AsJson = False,
+) -> None:
+    """Fly N ArduPilots on missions with everything recorded: real-time factor, processor time, theirs and ours."""
+    commands.bench_ardupilot(vehicles or [1, 5, 20], seconds, load.value, rates.value, as_json)
 
 
 @bench_app.command(epilog="Example: skyrange bench radio --nodes 1000 --json")

@@ -380,6 +380,27 @@ def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, remote_id: b
         _print_json(rows)
 
 
+def bench_ardupilot(vehicles: Sequence[int], seconds: float, load: str, rates: str, as_json: bool) -> None:
+    """`skyrange bench ardupilot`."""
+    from skyrange.bench.ardupilot import measure
+
+    rows = []
+    if not as_json:
+        heads = f"{'aircraft':>8} {'loop Hz':>7} {'× real time':>11} {'ArduPilots cpu s':>16} {'ours cpu s':>10}"
+        print(f"{heads} {'over bare':>9} {'per core':>8}")
+    for count in vehicles:
+        row = measure(count, seconds, load, rates)
+        rows.append(row)
+        if not as_json:
+            print(
+                f"{count:>8} {row['loop_hz']:>7.0f} {row['real_time_factor']:>11.2f} {row['autopilots_cpu_s']:>16.2f} "
+                f"{row['ours_cpu_s']:>10.2f} {row['over_bare']:>9.2f} {row['per_core']:>8.1f}",
+                flush=True,
+            )
+    if as_json:
+        _print_json(rows)
+
+
 def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json: bool) -> None:
     """`skyrange bench radio`."""
     from skyrange.bench.radio import measure

@@ -44,6 +44,8 @@ BOARD: Final = "SITL_x86_64_linux_gnu"
 
 _WITHOUT_NETWORK: Final = f"With no network use --from FILE; a mirror is named by {VARIABLE}."
 
+_NOT_IT: Final = "Is a proxy or a log-in page in between? --from FILE takes a file that comes another way."
+
 
 class Installed(NamedTuple):
     """What was put where, and the address or file that it is from."""
@@ -157,7 +159,7 @@ def _downloaded(file: IO[bytes], path: Path, wanted: str, url: str) -> Binary:
     except InputError as error:
         fault = error.faults[0]
         problem = f"sent {fault.value}; expected {fault.expected}"
-        raise ComponentError(urlsplit(url).netloc, problem, _WITHOUT_NETWORK) from None
+        raise ComponentError(urlsplit(url).netloc, problem, _NOT_IT) from None
 
 
 def _given(file: IO[bytes], path: Path, wanted: str | None, source: Path) -> Binary:

@@ -6,9 +6,10 @@ On Linux the kernel kills a child when the thread that started it ends (prctl(2)
 
 from __future__ import annotations
 
-import atexit
 import ctypes
+import math
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -22,7 +23,19 @@ OUTPUT = "output.txt"
 """What a program says, both streams, in its folder."""
 _PR_SET_PDEATHSIG = 1
 _TAIL_BYTES = 4096
-_living: weakref.WeakSet[Program] = weakref.WeakSet()
+_FILES_BESIDE = 256
+"""Open files of everything else."""
+
+
+def make_room(files: int, who: str) -> None:
+    """See to it that so many more files and sockets can be open; `ComponentError` where the system forbids it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = files + _FILES_BESIDE
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        raise ComponentError(who, f"needs {needed} open files, and {hard} are allowed", f"Try `ulimit -n {needed}`")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 def _prctl() -> ctypes.CDLL | None:
@@ -57,7 +70,7 @@ class Program:
                 )  # fmt: skip
         except OSError as error:
             raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error
-        _living.add(self)
+        self._end = weakref.finalize(self, _kill, self._process)  # at the latest when nobody holds it, or at exit
 
     @property
     def pid(self) -> int:
@@ -82,6 +95,15 @@ class Program:
         except ValueError:
             return f"signal {-code}"
 
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that it has taken, user and system, in seconds; NaN where the system does not tell (/proc)."""
+        try:
+            told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+        except OSError:
+            return math.nan
+        return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
+
     def last_words(self, lines: int = 8) -> str:
         """The last lines that it said, "" for none."""
         try:
@@ -95,13 +117,10 @@ class Program:
 
     def kill(self) -> None:
         """End it now, and wait until it has. Again does nothing."""
-        _living.discard(self)
-        if self._process.poll() is None:
-            self._process.kill()
-        self._process.wait()
+        self._end()
 
 
-@atexit.register
-def _kill_all() -> None:
-    for program in list(_living):
-        program.kill()
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.kill()
+    process.wait()

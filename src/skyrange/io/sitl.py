@@ -13,6 +13,9 @@ wrote to its serial ports in the step is there before the packet, since it write
 from __future__ import annotations
 
 import contextlib
+import itertools
+import os
+import select
 import socket
 import struct
 from collections.abc import Sequence
@@ -23,9 +26,12 @@ from skyrange.core.errors import ComponentError
 from skyrange.io.programs import Program
 
 LOOPBACK = "127.0.0.1"
-CHANNELS = 16
-_SERVOS = {18458: struct.Struct("<HHI16H"), 29569: struct.Struct("<HHI32H")}
-"""By magic number: rate, count, pulse widths in µs (SIM_JSON.h, `servo_packet_16` and `_32`)."""
+_APART = range(20_000, 30_000)
+FILES = 6
+"""Sockets of one process on our side."""
+_HEAD = 8
+_SIZES = {(18458).to_bytes(2, "little"): 40, (29569).to_bytes(2, "little"): 72}
+"""Sizes by magic number: rate and count, then 16 or 32 pulse widths (SIM_JSON.h, `servo_packet_16` and `_32`)."""
 _LOOK_S = 0.25
 """How often a wait looks whether the process still lives."""
 _CHUNK = 1 << 16
@@ -53,19 +59,21 @@ class Sitl:
         """
         self.name = name
         self.folder = folder
-        self.count = -1
-        """Of the last servo packet."""
         self.strangers = 0
-        """Datagrams that were no servo packets."""
+        """Datagrams that were no servo packets of its own."""
+        self.restarts = 0
+        """How often it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks: its clock is at 0 again."""
+        self._count = -1
         (folder / "defaults.parm").write_text(parameters)
         self._physics = _bound(socket.SOCK_DGRAM)
+        self._physics.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(_LOOK_S * 1e6)))
         self._listeners = [_bound(socket.SOCK_STREAM) for _ in range(2)]
         for listener in self._listeners:
             listener.listen(1)
             listener.setblocking(False)
         self.serial: list[socket.socket | None] = [None, None]
         self._peer: tuple[str, int] | None = None
-        self._sticks = _bound(socket.SOCK_DGRAM, shared=True)
+        self._sticks = _apart()
         port, sticks = self._physics.getsockname()[1], self._sticks.getsockname()[1]
         paths = [f"tcpclient:{LOOPBACK}:{listener.getsockname()[1]}" for listener in self._listeners]
         self.program = Program(
@@ -79,38 +87,48 @@ class Sitl:
             folder,
         )  # fmt: skip
 
+    @property
+    def port(self) -> int:
+        """The port that it speaks from, 0 before it has spoken."""
+        return self._peer[1] if self._peer is not None else 0
+
     def send(self, line: bytes) -> None:
         """Let it compute a step; it has answered before."""
         assert self._peer is not None
         with contextlib.suppress(OSError):  # it may have died: the answer tells
             self._physics.sendto(line, self._peer)
 
-    def servos(self, deadline: float) -> tuple[int, ...] | None:
-        """The pulse widths in µs that it answers with; `None` where none came before `deadline` or it has ended.
+    def servos(self, deadline: float) -> bytes | None:
+        """Its answer: pulse widths in µs, little-endian 16 bits each; `None` where it has ended or it is too late.
 
-        `deadline` is on the clock of `time.monotonic`.
+        `deadline` is on the clock of `wall_s`. Where it has restarted meanwhile, `restarts` has grown.
         """
         while True:
-            left = deadline - monotonic()
-            self._physics.settimeout(min(max(left, 0.0), _LOOK_S))
             try:
                 data, peer = self._physics.recvfrom(256)
-            except (TimeoutError, BlockingIOError):
-                if left <= 0.0 or not self.program.running:
+            except BlockingIOError:  # nothing for `_LOOK_S`
+                if wall_s() > deadline or not self.program.running:
                     return None
                 continue
-            layout = _SERVOS.get(int.from_bytes(data[:2], "little"))
-            if layout is None or len(data) != layout.size or (self._peer is not None and peer != self._peer):
+            if _SIZES.get(data[:2]) != len(data):
                 self.strangers += 1
                 continue
-            _, _, count, *widths = layout.unpack(data)
-            if count == self.count and self._peer is not None:
+            count = int.from_bytes(data[4:8], "little")
+            if peer != self._peer:
+                if self._peer is not None:
+                    if count != 0:
+                        self.strangers += 1
+                        continue
+                    self.restarts += 1
+                self._peer = peer
+            elif count == self._count:
                 continue  # said again
-            self._peer, self.count = peer, count
-            return tuple(widths[:CHANNELS])
+            self._count = count
+            return data[_HEAD:]
 
-    def accept(self) -> bool:
-        """Take the connections of its serial ports that have come; whether both are there."""
+    def accept(self) -> list[int]:
+        """Take the connections of its serial ports that have come; which ports are new."""
+        new = []
         for place, listener in enumerate(self._listeners):
             if self.serial[place] is None:
                 with contextlib.suppress(BlockingIOError):
@@ -119,6 +137,12 @@ class Sitl:
                     # what is written between two steps must be there in the next one, not when TCP sees fit
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                     self.serial[place] = connection
+                    new.append(place)
+        return new
+
+    @property
+    def connected(self) -> bool:
+        """Whether both serial ports are."""
         return None not in self.serial
 
     def read(self, place: int) -> bytes:
@@ -157,11 +181,34 @@ class Sitl:
 
     def lost(self, what: str) -> ComponentError:
         """The error of an instance that cannot go on: what happened, how it ended, and its last words."""
-        ended = self.program.ended
-        words = self.program.last_words()
-        return ComponentError(
-            self.name, what + (f" ({ended})" if ended else ""), f"It said last:\n{words}" if words else ""
-        )
+        ended, words = self.program.ended, self.program.last_words()
+        problem = f"{what} ({ended})" if ended else what
+        return ComponentError(self.name, problem, f"It said last:\n{words}" if words else "")
+
+
+class Switchboard:
+    """Which serial ports of many processes have something to say? One question for all of them."""
+
+    def __init__(self) -> None:
+        self._poll = select.epoll()
+        self._lines: dict[int, tuple[int, int]] = {}
+
+    def add(self, who: int, place: int, sitl: Sitl) -> None:
+        """Listen to a port that has just connected; `who` is how the process is called here."""
+        port = sitl.serial[place]
+        assert port is not None
+        self._lines = {number: line for number, line in self._lines.items() if line != (who, place)}
+        self._lines[port.fileno()] = (who, place)
+        self._poll.register(port.fileno(), select.EPOLLIN)
+
+    def speaking(self) -> list[tuple[int, int]]:
+        """(who, place) of the ports that have said something or closed, in order."""
+        heard = self._poll.poll(0)
+        return sorted(self._lines[number] for number, _ in heard if number in self._lines)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._poll.close()
 
 
 def wall_s() -> float:
@@ -169,9 +216,26 @@ def wall_s() -> float:
     return monotonic()
 
 
-def _bound(kind: socket.SocketKind, shared: bool = False) -> socket.socket:
+def _bound(kind: socket.SocketKind) -> socket.socket:
     made = socket.socket(socket.AF_INET, kind)
-    if shared:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     made.bind((LOOPBACK, 0))
     return made
+
+
+def _apart() -> socket.socket:
+    """A shared UDP port outside the range from which the system gives ports to those that ask for any.
+
+    ArduPilot's physics socket asks for any, and says that it shares: it may be given a port that another has shared.
+    """
+    for port in itertools.chain(range(_APART.start + os.getpid() % len(_APART), _APART.stop), _APART):
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            made.bind((LOOPBACK, port))  # alone first: so nobody has it, shared or not
+            made.close()
+            made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            made.bind((LOOPBACK, port))
+            return made
+        except OSError:
+            made.close()
+    raise ComponentError("arducopter", f"no UDP port from {_APART.start} to {_APART.stop - 1} is free", "Free some")

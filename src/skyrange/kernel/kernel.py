@@ -13,11 +13,12 @@ from collections.abc import Sequence
 from copy import deepcopy
 from heapq import heappop, heappush
 from math import gcd
+from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, InstanceStatus, Observer, Watcher
+from skyrange.agent.contracts import Agent, InstanceStatus, Observer, Poses, Source, Watcher, World
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
@@ -47,11 +48,16 @@ class _Seat:
 class _Berth:
     """An engine in the kernel: its mail, and how its instances were when last seen."""
 
-    __slots__ = ("box", "engine", "rows", "status")
+    __slots__ = ("box", "engine", "moved", "rows", "status")
 
-    def __init__(self, mount: EngineMount) -> None:
+    def __init__(self, mount: EngineMount, world: World) -> None:
         self.engine = mount.engine
         self.rows = mount.rows
+        rows = dict(zip(mount.engine.vehicles, np.arange(len(world.vehicles))[mount.rows].tolist(), strict=True))
+        self.moved = {vehicle: rows[vehicle] for vehicle in mount.engine.moves}
+        """Rows of the world whose bodies the engine moves."""
+        if self.moved:
+            world.set_source(np.array(list(self.moved.values())), Source.KINEMATIC)
         self.box = Mailbox(mount.engine.name, mount.engine.service_ns, polled=True)
         self.status = [InstanceStatus.READY if mount.engine.preroll_ns == 0 else InstanceStatus.BOOTING] * len(
             mount.engine.vehicles
@@ -70,7 +76,8 @@ class Kernel:
         seats = [_Seat(agent, None) for agent in (*wiring.agents, *wiring.watchers)]
         seats += [_Seat(agent, stage) for stage in self._stages.each for agent in stage.plan.agents]
         self._seats = {seat.agent.name: seat for seat in seats}
-        self._berths = sorted((_Berth(mount) for mount in wiring.engines), key=lambda berth: berth.engine.name)
+        berths = [_Berth(mount, wiring.world) for mount in wiring.engines if wiring.world is not None]
+        self._berths = sorted(berths, key=lambda berth: berth.engine.name)
         self._ports = sending_lanes(lanes)
         self._traffic = Traffic(lanes, observers)
         self._world = wiring.world
@@ -166,6 +173,13 @@ class Kernel:
         """One of this kernel's own watchers: a fork has others than its stem. `KeyError` for a name that is none."""
         return cast("Watcher", self._seats[name].agent)
 
+    def leaves(self) -> dict[str, Path]:
+        """Files of the engines' programs that are worth keeping, by name; `finish` takes them away."""
+        found: dict[str, Path] = {}
+        for berth in self._berths:
+            found |= getattr(berth.engine, "leaves", dict)()
+        return found
+
     def finish(self) -> None:
         """End the run at `now`: frames still under way are recorded as such, programs are ended. Idempotent."""
         if not self._ended:
@@ -220,15 +234,28 @@ class Kernel:
             except Exception as error:
                 raise blamed(f"engine {berth.engine.name}", now, error) from error
             world.actuate(berth.rows, finished.actuators)
-            if finished.status is not None:
-                self._check_status(now, berth, finished.status)
+            if finished.poses is not None:
+                self._impose(now, berth, finished.poses)
             outbox = finished.outbox
             if outbox.departures or outbox.notes or outbox.blocks:
                 self._dispatch(now, berth.engine.name, outbox, berth.engine.ports, None)
+            if finished.status is not None:
+                self._check_status(now, berth, finished.status)
         if now >= self._next_truth:
             for observer in self._traffic.observers:
                 observer.on_truth(now, world)
             self._next_truth = self._truth_after(now)
+
+    def _impose(self, now: Time, berth: _Berth, poses: Poses) -> None:
+        assert self._world is not None
+        try:
+            self._world.impose(berth.rows, poses)
+        except ValueError as error:
+            raise ComponentError(
+                f"engine {berth.engine.name}",
+                f"{error}, at {to_seconds(now):.4f} s",
+                "An engine checks what its programs tell before it passes that on",
+            ) from error
 
     def _truth_after(self, now: Time) -> Time:
         """When an observer next wants truth: a grid that meets all their periods, so that none alters another's."""
@@ -247,6 +274,9 @@ class Kernel:
                 self._note(now, berth.engine.name, Note(f"event.engine_{is_now}", vehicle, {"was": str(was)}))
                 if is_now in (InstanceStatus.SILENT, InstanceStatus.DEAD):
                     gone.append(f"{vehicle} ({is_now})")
+                if is_now is InstanceStatus.DEAD and vehicle in berth.moved:  # nothing holds it up any more
+                    assert self._world is not None
+                    self._world.set_source(np.array([berth.moved[vehicle]]), Source.DYNAMIC)
         on_silent, on_unready = self._policies
         if gone and on_silent == "stop":
             raise ComponentError(

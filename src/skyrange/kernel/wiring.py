@@ -210,6 +210,12 @@ def check(wiring: Wiring) -> None:
     ]
     if wiring.engines and wiring.world is None:
         faults.append(Fault("engines", "no world", "a world for them to fly in"))
+    faults += [
+        Fault(f"{mount.engine.name}.moves", vehicle, "a vehicle of its own", nearest(vehicle, mount.engine.vehicles))
+        for mount in wiring.engines
+        for vehicle in mount.engine.moves
+        if vehicle not in mount.engine.vehicles
+    ]
     quantum_ns = wiring.world.quantum_ns if wiring.world is not None else 0
     faults += [
         Fault(f"{watcher.name}.look_ns", str(watcher.look_ns), "whole ticks of a world")

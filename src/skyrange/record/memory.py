@@ -66,7 +66,7 @@ class MemoryObserver:
         if vehicles and (self._truth_due is None or now >= self._truth_due):
             self._truth_due = now - now % self.truth_period_ns + self.truth_period_ns
             columns = {name: np.array(values, dtype=np.float64) for name, values in world.truth().items()}
-            self.truth.append(TruthTick(now, vehicles, columns))
+            self.truth.append(TruthTick(now, vehicles, tuple(world.sources), columns))
 
     @property
     def digests(self) -> Digests:

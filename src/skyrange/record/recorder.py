@@ -170,6 +170,15 @@ class Recorder:
             unmake_folder(self.path, self._made)
             raise
 
+    def keep(self, name: str, path: Path) -> None:
+        """Copy a file that a program left into the folder, under `name`; `ComponentError` where the disk refuses."""
+        target = self.path / name
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, target)
+        except OSError as error:
+            raise cannot_write(target, error) from error
+
     # ---------------------------------------------------------------- what the kernel tells
 
     def on_frame(self, frame: Frame) -> None:
@@ -217,7 +226,7 @@ class Recorder:
         if now >= state.truth_due and vehicles:
             state.truth_due = now - now % state.truth_ns + state.truth_ns
             columns = dict(world.truth())
-            self._truth.append(TruthTick(now, vehicles, columns))
+            self._truth.append(TruthTick(now, vehicles, tuple(world.sources), columns))
             self._tick_bytes += len(vehicles) * 8 * (len(columns) + 2)
         if now >= state.sensors_due and vehicles:
             state.sensors_due = now - now % state.sensors_ns + state.sensors_ns

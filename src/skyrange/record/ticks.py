@@ -15,9 +15,6 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Words
 from skyrange.record.schema import TABLES
 
-DYNAMIC = "dynamic"
-"""A body moved by the world's own dynamics: the one source of truth that the world's contract has."""
-
 _NAMES = pa.dictionary(pa.int32(), pa.string())
 
 
@@ -26,6 +23,7 @@ class TruthTick(NamedTuple):
 
     time_ns: Time
     vehicles: tuple[str, ...]
+    sources: tuple[str, ...]
     columns: Mapping[str, NDArray[np.float64]]
 
 
@@ -61,7 +59,7 @@ def sensor_values(sensors: Sensors) -> NDArray[np.float32]:
 
 def truth_batch(ticks: Sequence[TruthTick]) -> pa.RecordBatch:
     """Rows of truth, tick by tick; all ticks have the first one's columns."""
-    arrays = [_times(ticks), _vehicles(ticks), _constant(DYNAMIC, sum(len(tick.vehicles) for tick in ticks))]
+    arrays = [_times(ticks), _names([tick.vehicles for tick in ticks]), _names([tick.sources for tick in ticks])]
     names = list(ticks[0].columns)
     arrays += [pa.array(_column(ticks, name)) for name in names]
     return pa.RecordBatch.from_arrays(arrays, names=["time_ns", "vehicle", "source", *names])
@@ -70,7 +68,8 @@ def truth_batch(ticks: Sequence[TruthTick]) -> pa.RecordBatch:
 def sensor_batch(ticks: Sequence[SensorTick]) -> pa.RecordBatch:
     """Rows of sensors, tick by tick."""
     values = np.concatenate([tick.values for tick in ticks])
-    arrays = [_times(ticks), _vehicles(ticks), *(pa.array(values[:, place]) for place in range(values.shape[1]))]
+    arrays = [_times(ticks), _names([tick.vehicles for tick in ticks])]
+    arrays += [pa.array(values[:, place]) for place in range(values.shape[1])]
     return pa.RecordBatch.from_arrays(arrays, names=[column.name for column in TABLES["sensors"]])
 
 
@@ -86,7 +85,7 @@ def truth_words(ticks: Sequence[TruthTick]) -> Words:
         np.array([tick.time_ns for tick in ticks], dtype=np.int64), [len(tick.vehicles) for tick in ticks]
     ).view(np.uint64)
     words[:, 1] = np.concatenate(_per_tick([tick.vehicles for tick in ticks], _hashes))
-    words[:, 2] = hash64(DYNAMIC)
+    words[:, 2] = np.concatenate(_per_tick([tick.sources for tick in ticks], _hashes))
     words[:, 3] = hash64("\n".join(names))
     for place, name in enumerate(names):
         words[:, 4 + place] = _column(ticks, name).view(np.uint64)
@@ -102,25 +101,20 @@ def _times(ticks: Sequence[TruthTick] | Sequence[SensorTick]) -> pa.Array:
     return pa.array(np.repeat(times, [len(tick.vehicles) for tick in ticks]))
 
 
-def _vehicles(ticks: Sequence[TruthTick] | Sequence[SensorTick]) -> pa.Array:
-    vehicles = [tick.vehicles for tick in ticks]
-    names = list(dict.fromkeys(name for flown in dict.fromkeys(vehicles) for name in flown))
+def _names(ticks: Sequence[tuple[str, ...]]) -> pa.Array:
+    names = list(dict.fromkeys(name for tick in dict.fromkeys(ticks) for name in tick))
     numbers = {name: number for number, name in enumerate(names)}
-    codes = np.concatenate(_per_tick(vehicles, lambda flown: np.array([numbers[v] for v in flown], dtype=np.int32)))
+    codes = np.concatenate(_per_tick(ticks, lambda tick: np.array([numbers[name] for name in tick], dtype=np.int32)))
     return pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(names, pa.string())).cast(_NAMES)
 
 
-def _hashes(vehicles: tuple[str, ...]) -> NDArray[np.uint64]:
-    return np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)
+def _hashes(names: tuple[str, ...]) -> NDArray[np.uint64]:
+    return np.array([hash64(name) for name in names], dtype=np.uint64)
 
 
-def _per_tick(vehicles: Sequence[tuple[str, ...]], of: Callable[[tuple[str, ...]], NDArray[Any]]) -> list[NDArray[Any]]:
-    """What `of` makes of each tick's vehicles, asked once for those that follow each other unaltered: mostly all."""
+def _per_tick(ticks: Sequence[tuple[str, ...]], of: Callable[[tuple[str, ...]], NDArray[Any]]) -> list[NDArray[Any]]:
+    """What `of` makes of each tick's names, asked once for those that follow each other unaltered: mostly all."""
     found: list[NDArray[Any]] = []
-    for at, names in enumerate(vehicles):
-        found.append(found[-1] if at > 0 and names == vehicles[at - 1] else of(names))
+    for at, names in enumerate(ticks):
+        found.append(found[-1] if at > 0 and names == ticks[at - 1] else of(names))
     return found
-
-
-def _constant(name: str, rows: int) -> pa.Array:
-    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), pa.array([name]))

@@ -132,17 +132,25 @@ class Run:
         if self._finished:
             return
         self._finished = True
-        self.kernel.finish()
+        self._end()
         self.recorder.close(status, self._summary(lag_s))
 
     def _fail(self, reason: str) -> None:
         """Keep what can be kept; the reason for the failure matters more than a failure to note it."""
         self._finished = True
         try:
-            self.kernel.finish()
+            self._end()
             self.recorder.close("failed", {**self._summary(0.0), "error": reason})
         except ComponentError as error:
             print(f"skyrange: {error}", file=sys.stderr)
+
+    def _end(self) -> None:
+        """End the kernel and its programs; what these leave goes into the folder."""
+        try:
+            for name, path in self.kernel.leaves().items():
+                self.recorder.keep(name, path)
+        finally:
+            self.kernel.finish()
 
     def _summary(self, lag_s: float) -> dict[str, Any]:
         simulated_s = to_seconds(self.now)

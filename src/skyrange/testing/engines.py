@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 
 from skyrange.agent.contracts import Engine, Finished, InstanceStatus, World
+from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port, owner_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing.driving import copied
@@ -16,7 +18,7 @@ from skyrange.testing.form import Said, check_causes, check_departures, check_no
 from skyrange.testing.hostile import Volume, check_modest, forged, garbage, short_garbage, siege, spoiled
 from skyrange.testing.mail import Letter, post
 from skyrange.testing.purity import watched
-from skyrange.testing.rules import RuleBook, need, same, short
+from skyrange.testing.rules import Broken, RuleBook, need, same, short
 from skyrange.vehicle.spec import VehicleSpec
 
 ENGINE: RuleBook[EngineCase] = RuleBook("engine")
@@ -45,6 +47,11 @@ class EngineCase:
     def repeats(self) -> bool:
         """Whether the engine says that it repeats to the byte."""
         return self.make().repeatable == "bytes"
+
+    @cached_property
+    def runs_programs(self) -> bool:
+        """Whether it starts programs: these need sockets and files, and cannot be copied."""
+        return hasattr(self.make(), "close")
 
     def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
         """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
@@ -80,7 +87,9 @@ def check_engine(
     ENGINE.check(f"engine {who}", EngineCase(factory, specs, world, mail, until))
 
 
-@ENGINE.rule("declares", "Has a name, a clock, a repeatability and a pre-roll of 0 ns or more.")
+@ENGINE.rule(
+    "declares", "Has a name, a clock, a repeatability, a pre-roll of 0 ns or more, and moves none but its own."
+)
 def _declares(case: EngineCase) -> None:
     engine = case.make()
     need(isinstance(engine.name, str) and bool(engine.name), f"name is {engine.name!r}", "text")
@@ -88,6 +97,8 @@ def _declares(case: EngineCase) -> None:
     need(engine.repeatable in ("bytes", "outcome"), f"repeatable is {engine.repeatable!r}", "bytes or outcome")
     preroll = engine.preroll_ns
     need(isinstance(preroll, int) and preroll >= 0, f"preroll_ns is {preroll!r}", "an int of 0 or more nanoseconds")
+    strange = [vehicle for vehicle in engine.moves if vehicle not in engine.vehicles]
+    need(not strange, f"moves {strange}", "vehicles of its own")
 
 
 @ENGINE.rule("vehicles", "Lists the vehicles it was made for, in that order, and ports of theirs, each once.")
@@ -127,6 +138,11 @@ def _actuators(case: EngineCase) -> None:
     shapes: set[tuple[int, ...]] = set()
     case.flight().fly(case.until, look=lambda _, finished, __: shapes.add(finished.actuators.shape))
     need(len(shapes) == 1, f"actuators had the shapes {sorted(shapes)}", "one shape")
+
+
+@ENGINE.rule("poses", "Imposes none but poses that a body can have, on vehicles that it says it moves.")
+def _poses(case: EngineCase) -> None:
+    case.flight().fly(case.until)
 
 
 @ENGINE.rule(
@@ -195,15 +211,26 @@ def _sensors(case: EngineCase) -> None:
         _same(kept, spoilt, "what it does depends on sensors of an earlier tick", "copies of what is to be kept")
 
 
-@ENGINE.rule("pure", "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread.")
+@ENGINE.rule(
+    "pure",
+    "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread. Not asked of one that "
+    "runs programs.",
+)
 def _pure(case: EngineCase) -> None:
-    if case.repeats:
+    if case.repeats and not case.runs_programs:
         case.flight().fly(case.until)
         case.flight().fly(case.until, call=watched)
 
 
-@ENGINE.rule("copies", "Deep-copied midway, goes on as it would have, and so does its copy: they share no state.")
+@ENGINE.rule(
+    "copies",
+    "Deep-copied midway, goes on as it would have, and so does its copy: they share no state. One that runs programs "
+    "refuses to be copied.",
+)
 def _copies(case: EngineCase) -> None:
+    if case.runs_programs:
+        _refuses_copies(case.make())
+        return
     if not case.repeats:
         return
     straight = case.flight().fly(case.until)
@@ -233,6 +260,14 @@ def _modest(case: EngineCase) -> None:
     payloads, ports = short_garbage(), case.make().ports
     quiet, loud = case.flight().fly(case.until), case.besiege(payloads).fly(case.until)
     check_modest(_volume(quiet), _volume(loud), payloads, len(ports))
+
+
+def _refuses_copies(engine: Engine) -> None:
+    try:
+        deepcopy(engine)
+    except ComponentError:
+        return
+    raise Broken("its copy was made", "a ComponentError: what runs outside cannot be copied")
 
 
 def _check_notes(engine: Engine, finished: Finished, contents: Said) -> None:

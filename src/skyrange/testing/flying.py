@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Engine, Finished, InstanceStatus, Sensors, World
+from skyrange.agent.contracts import Engine, Finished, InstanceStatus, Poses, Sensors, Source, World
 from skyrange.agent.messages import EMPTY_INBOX, Arrival, Departure, Inbox, Note
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time, ceil_to
@@ -31,6 +31,8 @@ class Tick:
     departures: tuple[Departure, ...]
     notes: tuple[Note, ...]
     status: InstanceStatus
+    pose: bytes = b""
+    """Imposed at that tick, if one was."""
 
 
 @dataclass
@@ -49,6 +51,12 @@ class Flight:
     def __post_init__(self) -> None:
         self.at = -ceil_to(max(engine.preroll_ns for engine in self.engines), self.world.quantum_ns)
         self._rows = list(_rows_of(self.engines))
+        for rows, engine in zip(self._rows, self.engines, strict=True):
+            moved = [
+                row for row, vehicle in zip(rows.tolist(), engine.vehicles, strict=True) if vehicle in engine.moves
+            ]
+            if moved:
+                self.world.set_source(np.array(moved), Source.KINEMATIC)
         self._boxes: dict[int, list[Arrival]] = {number: [] for number in range(len(self.engines))}
 
     def fly(
@@ -122,6 +130,11 @@ class Flight:
         if look is not None:
             look(engine, finished, contents)
         self.world.actuate(self._rows[number], finished.actuators)
+        if finished.poses is not None:
+            try:
+                self.world.impose(self._rows[number], finished.poses)
+            except ValueError as error:
+                raise Broken(str(error), "poses of vehicles it moves, as `Poses` says", "poses") from error
         self._keep(engine, now, finished, contents)
 
     def _keep(self, engine: Engine, now: Time, finished: Finished, contents: Said) -> None:
@@ -130,7 +143,8 @@ class Flight:
             departures = tuple(d for d in contents[0] if owner.get(d.port) == vehicle)
             notes = tuple(note for note in contents[1] if note.about == vehicle)
             status = InstanceStatus.READY if finished.status is None else finished.status[row]
-            tick = Tick(now, finished.actuators[row].tobytes(), departures, notes, status)
+            pose = b"" if finished.poses is None else _pose(finished.poses, row)
+            tick = Tick(now, finished.actuators[row].tobytes(), departures, notes, status, pose)
             self.ticks.setdefault(vehicle, []).append(tick)
 
 
@@ -145,6 +159,9 @@ def check_finished(engine: Engine, finished: Finished) -> None:
         raise Broken(f"actuators are {what}", expected, "actuators")
     if not bool(np.all((actuators >= 0.0) & (actuators <= 1.0))):  # a NaN is neither
         raise Broken(f"actuators are {short(actuators.tolist())}", expected, "actuators")
+    poses = finished.poses
+    if poses is not None and not isinstance(poses, Poses):
+        raise Broken(f"poses are {short(poses)}", "None, or Poses", "poses")
     status = finished.status
     if status is None:
         return
@@ -167,6 +184,13 @@ def _owned(engine: Engine) -> list[tuple[int, Port]]:
         for port in engine.ports
         if port.endpoint.rsplit(".", 1)[0] == vehicle
     ]
+
+
+def _pose(poses: Poses, row: int) -> bytes:
+    if not poses.fresh[row]:
+        return b""
+    numbers = (poses.position_enu_m, poses.vel_enu_mps, poses.attitude, poses.rates_radps)
+    return b"".join(array[row].tobytes() for array in numbers)
 
 
 def _copy(sensors: Sensors) -> Sensors:

@@ -8,18 +8,23 @@ from skyrange.world.airframes import AIRFRAMES, Airframe, Rotor
 from skyrange.world.wind import Wind
 
 if TYPE_CHECKING:
+    from skyrange.world.bodies import Body
     from skyrange.world.sensors import SensorSpec
-    from skyrange.world.world import Body, World
+    from skyrange.world.world import World
 
 __all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "SensorSpec", "Wind", "World"]
 
 
 def __getattr__(name: str) -> object:
     """Import the world only when it is asked for: a schema needs the airframes' names, not a compiler."""
-    if name in ("Body", "World"):
+    if name == "Body":
+        from skyrange.world import bodies
+
+        return bodies.Body
+    if name == "World":
         from skyrange.world import world
 
-        return getattr(world, name)
+        return world.World
     if name == "SensorSpec":
         from skyrange.world import sensors
 

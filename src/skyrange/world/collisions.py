@@ -12,6 +12,8 @@ Contact. Rigid bodies without friction: an impulse J along the normal at the poi
 Damage is a modelling choice, for want of published figures: a touched propeller is lost. From the side that is the one
 nearest to the contact and all within 60 degrees of it, from above those under the other's disc, from below none; and
 all of them when the impulse changes the aircraft's speed by more than `WRECK_MPS`.
+
+One whose pose an engine imposes gives no way: it is met as if it weighed without end, and flies on marked as crashed.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from numpy.typing import NDArray
 from skyrange.city.walls import Walls, cell_at, footprint, outside
 from skyrange.core.compiled import kernel
 from skyrange.world.airframes import MOTORS
+from skyrange.world.multirotor import CRASHED
 from skyrange.world.nearness import (
     CG,
     HEIGHT,
@@ -76,6 +79,9 @@ class Bodies(NamedTuple):
     shape: Floats
     """(airframes, numbers): `shape_row`."""
     airframe: Ints
+    led: NDArray[np.uint8]
+    """(n,) 1 where an engine imposes the pose: nothing pushes such a body."""
+    flags: NDArray[np.uint8]
 
 
 @kernel
@@ -101,6 +107,8 @@ def _at(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
 @kernel
 def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
     """Give one body an impulse along `n` at a point `r` from its centre of gravity; its accelerometer feels it."""
+    if state.led[i]:
+        return
     attitude, p = state.attitude[i], state.shape[state.airframe[i]]
     nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
     rx, ry, rz = _into_body(attitude, r[0], r[1], r[2])
@@ -121,7 +129,13 @@ def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> 
 
 @kernel
 def _lose(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
-    """Take the motors that a contact breaks: `n` points away from it, the rest says where the other's disc is."""
+    """Take the motors that a contact breaks: `n` points away from it, the rest says where the other's disc is.
+
+    One whose pose is imposed is marked as crashed instead: what flies it has motors of its own.
+    """
+    if state.led[i]:
+        state.flags[i, CRASHED] = 1
+        return
     p = state.shape[state.airframe[i]]
     fx, fy, _ = _into_body(state.attitude[i], -n[0], -n[1], 0.0)
     ox, oy, _ = _into_body(state.attitude[i], east_m - state.position[i, 0], north_m - state.position[i, 1], 0.0)
@@ -199,7 +213,10 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     else:
         n[2] = 1.0 if d[2] + a[HEIGHT] > b[HEIGHT] - d[2] else -1.0
         apart = b[HEIGHT] - d[2] if n[2] > 0.0 else d[2] + a[HEIGHT]
+    led_a, led_b = state.led[i] != 0, state.led[j] != 0
     share = b[MASS] / (a[MASS] + b[MASS])
+    if led_a != led_b:
+        share = 0.0 if led_a else 1.0
     apart = max(apart, 0.0)
     pa, pb = np.empty(3), np.empty(3)
     for axis in range(3):
@@ -218,14 +235,20 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     if closing <= 0.0:  # parting already
         return 0.0, False
     for axis in range(3):  # the rest of the tick is lost to both: it ends where they met
-        state.position[i, axis], state.position[j, axis] = pa[axis], pb[axis]
+        if not led_a:
+            state.position[i, axis] = pa[axis]
+        if not led_b:
+            state.position[j, axis] = pb[axis]
     relative = 0.0
     for axis in range(3):
         relative += (state.velocity[i, axis] - state.velocity[j, axis]) ** 2
     bounce = RESTITUTION if closing > _GENTLE_MPS else 0.0
-    impulse = (1.0 + bounce) * closing / (yield_a + yield_b)
+    impulse = 0.0
+    if not (led_a and led_b):
+        impulse = (1.0 + bounce) * closing / ((0.0 if led_a else yield_a) + (0.0 if led_b else yield_b))
     _push(i, state, ra, n, impulse, step_s)
     _push(j, state, rb, n, -impulse, step_s)
+    apart = 0.0 if led_a and led_b else apart
     hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), GENTLE
     if closing <= _GENTLE_MPS:
         return apart, True
@@ -271,9 +294,12 @@ def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tup
                 n[0], n[1] = sign * (q[0] - near_e) / away, sign * (q[1] - near_n) / away
             else:
                 n[2], depth = 1.0, lift
-            for axis in range(3):
-                state.position[i, axis] = q[axis] + n[axis] * depth
-            place = state.position[i]
+            place = q + n * depth
+            if state.led[i]:
+                depth = 0.0
+            else:
+                for axis in range(3):
+                    state.position[i, axis] = place[axis]
             point = np.array([near_e, near_n, min(max(place[2] + p[CG], base), top)])
             if n[2] < 0.0 or (inside and n[2] > 0.0):
                 point[0], point[1] = place[0], place[1]

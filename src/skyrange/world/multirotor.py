@@ -40,19 +40,19 @@ Floats = NDArray[np.float64]
 
 ALOFT, ON_GROUND, CRASHED, EVENTS = 0, 1, 2, 3
 """Columns of the flags table: zero or one, but EVENTS holds the bits of what has happened since it was cleared."""
-TOUCHED, TIPPED, BROKEN = 1, 2, 4
-"""Bits of EVENTS: a touchdown; a fall past the tip angle; a touchdown too hard to survive."""
+TOUCHED, TIPPED, BROKEN, JUMPED = 1, 2, 4, 8
+"""Bits of EVENTS: a touchdown; a fall past the tip angle; a touchdown too hard to survive; an imposed pose far off."""
 HARD_MPS = 3.117
 """A touchdown faster than this breaks the aircraft: sqrt(2·g·h) of the reserve energy drop test, one and a half times
 13 inches (14 CFR 27.727, 27.725), the most that a rotorcraft's gear has to stand."""
-_REARM_M = 0.05  # height to be left before a touchdown counts as another one
+REARM_M = 0.05  # height to be left before a touchdown counts as another one
 _LEVEL_TAU_S = 0.1  # how fast the gear brings a standing aircraft level
 _STILL = 1e-6  # a decay ends here (rad/s, rad): subnormal numbers would slow the machine tenfold
 
 _ROUND = 1e-8  # its square is below a double's precision
 
 _MASS, _PER_MASS, _JX, _JY, _JZ, _PER_JX, _PER_JY, _PER_JZ, _THRUST, _ARM = range(10)
-_ROTOR_DRAG, _BODY_DRAG, _STANCE, _TIP_COS, _FRICTION, _SPIN_DRAG, _LEFT = range(10, 17)
+_ROTOR_DRAG, _BODY_DRAG, _STANCE, TIP_COS, _FRICTION, _SPIN_DRAG, _LEFT = range(10, 17)
 _FORWARD, _SPIN = _LEFT + MOTORS, _LEFT + 2 * MOTORS  # blocks of one number per rotor, as _LEFT
 
 
@@ -108,7 +108,7 @@ def spin(expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands
 
 
 @kernel
-def _turned(
+def turned(
     qw: float, qx: float, qy: float, qz: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
     """An attitude turned by a body vector: the quaternion exponential's series to fourth order, normalised."""
@@ -187,7 +187,7 @@ def _land(
     if impulse > 0.0:
         level_x = 0.0
         level_y = 0.0
-        if r22 < p[_TIP_COS]:
+        if r22 < p[TIP_COS]:
             if not flags[i, CRASHED] and not broken:
                 flags[i, EVENTS] |= TIPPED
                 broken = True
@@ -205,7 +205,7 @@ def _land(
             alive[i, m] = 0
             limit[i, m] = 0.0
     half = 0.5 * step_s
-    attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = _turned(
+    attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = turned(
         qw, qx, qy, qz, half * (rates[i, 0] + nwx), half * (rates[i, 1] + nwy), half * (rates[i, 2] + nwz)
     )
     rates[i, 0], rates[i, 1], rates[i, 2] = nwx, nwy, nwz
@@ -238,6 +238,7 @@ def advance(
     before: Floats,
     way: Floats,
     stride: Floats,
+    led: NDArray[np.uint8],
 ) -> int:
     """Move every aircraft by one quantum; returns how many events it flagged.
 
@@ -249,6 +250,7 @@ def advance(
     touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains what the rotors did against the air;
     `before` (n, 3) receives the old positions; `way` (n,) gains no less than how far each went (its parts along the
     axes, which takes no root), and `stride` (1,) receives the square of the longest way that any went.
+    Where `led` (n,) is not 0 only the rotors turn: `imposed.follow` moves the body.
     """
     spin(
         expo.reshape(-1),
@@ -286,6 +288,8 @@ def advance(
             torque_y -= parameters[a, _FORWARD + m] * force
             torque_z -= parameters[a, _SPIN + m] * parameters[a, _ARM] * force
         work_j[i] += parameters[a, _ARM] * cubes * step_s
+        if led[i]:
+            continue
 
         # forces in the body, from the air's velocity across it
         r00 = 1.0 - 2.0 * (qy * qy + qz * qz)
@@ -341,7 +345,7 @@ def advance(
             longest = max(longest, dx * dx + dy * dy + dz * dz)
             continue
         flags[i, ON_GROUND] = 0
-        flags[i, ALOFT] |= nz > ground + _REARM_M
+        flags[i, ALOFT] |= nz > ground + REARM_M
         nx = px + 0.5 * (vx + nvx) * step_s
         ny = py + 0.5 * (vy + nvy) * step_s
         dx, dy, dz = nx - px, ny - py, nz - pz
@@ -351,7 +355,7 @@ def advance(
         position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = nvx, nvy, nvz
         accel[i, 0], accel[i, 1], accel[i, 2] = ax, ay, az
-        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = _turned(
+        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = turned(
             qw, qx, qy, qz, half * (wx + nwx), half * (wy + nwy), half * (wz + nwz)
         )
         rates[i, 0], rates[i, 1], rates[i, 2] = nwx, nwy, nwz

@@ -1,31 +1,31 @@
 """Who holds the true state of every aircraft, and how does it move from tick to tick? One table of arrays.
 
-A tick: the gusts that are due, dynamics, the batteries that are due, collisions.
+A tick: the gusts that are due, dynamics, imposed poses, the batteries that are due, collisions.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Floats, Sensors
+from skyrange.agent.contracts import Floats, Poses, Sensors, Source
 from skyrange.agent.messages import Note
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
+from skyrange.world.bodies import Body, check_bodies
 from skyrange.world.collisions import Bodies
 from skyrange.world.contacts import Contacts
+from skyrange.world.imposed import Imposed
 from skyrange.world.nearness import shape_row
 from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
-from skyrange.world.wind import CALM, Wind, faults_of
+from skyrange.world.wind import CALM, Wind
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -33,23 +33,6 @@ if TYPE_CHECKING:
 DEFAULT_QUANTUM_NS: Time = 2_500_000
 _NO_NOTES: tuple[Note, ...] = ()
 _NO_CHANCE = Chance(0)
-
-
-@dataclass(frozen=True, slots=True)
-class Body:
-    """One aircraft and where it stands at the start.
-
-    `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors
-    off. `heading_deg` is clockwise from north; `charge` is the battery's, 0 to 1.
-    """
-
-    vehicle: str
-    airframe: str
-    east_m: float
-    north_m: float
-    up_m: float = 0.0
-    heading_deg: float = 0.0
-    charge: float = 1.0
 
 
 class World:
@@ -69,7 +52,7 @@ class World:
         sensors: SensorSpec = IDEAL,
     ) -> None:
         """`chance` is where turbulence comes from. Raises InputError with every fault of the bodies at once."""
-        _check(bodies, quantum_ns, wind, city)
+        check_bodies(bodies, quantum_ns, wind, city)
         n = len(bodies)
         names = sorted({body.airframe for body in bodies})
         step_s = quantum_ns / NS_PER_S
@@ -113,6 +96,8 @@ class World:
         self._alive = np.ones((n, MOTORS), dtype=np.uint8)
         self._limit = np.zeros((n, MOTORS))
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
+        self._imposed = Imposed(n, step_s)
+        self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
         self._contacts = Contacts(self.vehicles, city)
         self._sensing = Sensing(sensors, self.vehicles, self._seen(), self._commands, self._power())
         self._bind()
@@ -159,6 +144,23 @@ class World:
             self._before,
             self._way,
             self._stride,
+            self._imposed.led,
+        )
+        self._followed: tuple[Any, ...] = (
+            self._parameters,
+            self._airframe,
+            self._floor,
+            self._position,
+            self._velocity,
+            self._attitude,
+            self._rates,
+            self._accel,
+            self._flags,
+            self._impact_mps,
+            self._height,
+            self._before,
+            self._way,
+            self._stride,
         )
         self._bodies = Bodies(
             self._before,
@@ -174,13 +176,15 @@ class World:
             self._way,
             self._shape,
             self._airframe,
+            self._imposed.led,
+            self._flags,
         )
         self._sensing.bind(self._seen(), self._commands, self._power())
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the views: copied arrays get views of their own."""
         state = self.__dict__.copy()
-        for key in ("_arguments", "_bodies"):
+        for key in ("_arguments", "_followed", "_bodies"):
             del state[key]
         return state
 
@@ -194,7 +198,8 @@ class World:
         Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for
         another; `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the
         speed is its last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each
-        aircraft in it (see `contacts`). Raises ValueError where `now` is before the last tick.
+        aircraft in it (see `contacts`); `event.jump` {distance_m} where an imposed pose was far off.
+        Raises ValueError where `now` is before the last tick.
         """
         if self._now is None:
             self._now = self._drawn = now
@@ -217,6 +222,8 @@ class World:
         ):
             self._gust(start)
         events = multirotor.advance(*self._arguments)
+        if len(self._imposed.rows):
+            events += self._imposed.follow(*self._followed)
         if end // battery.BATTERY_NS > self._drawn // battery.BATTERY_NS:
             self._discharge((end - self._drawn) / NS_PER_S)
             self._drawn = end
@@ -269,6 +276,8 @@ class World:
                 _, x, y, _ = self._attitude[i].tolist()
                 tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
                 notes.append(Note("event.crash", vehicle, {"tilt_deg": tilt, "speed_mps": speed}))
+            if event & multirotor.JUMPED:
+                notes.append(Note("event.jump", vehicle, {"distance_m": float(self._imposed.jump_m[i])}))
             self._flags[i, multirotor.EVENTS] = 0
         return notes
 
@@ -283,6 +292,27 @@ class World:
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""
         self._commands[rows] = actuators
+
+    @property
+    def sources(self) -> Sequence[Source]:
+        """What moves each body, in vehicle order."""
+        return self._sources
+
+    def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
+        """From now on these move some bodies; each goes on from where it is, with motors at rest."""
+        self._imposed.set_led(rows, source is Source.KINEMATIC, self._velocity)
+        self._commands[rows] = 0.0
+        sources = list(self._sources)
+        for row in rows.tolist():
+            sources[row] = source
+        self._sources = tuple(sources)
+
+    def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
+        """Say where kinematic bodies are now; the next tick takes them from there on (see `imposed`).
+
+        Raises ValueError for a pose that no body can have, or of a body that is not kinematic; none is taken then.
+        """
+        self._imposed.take(np.arange(len(self.vehicles))[rows], poses, self.vehicles)
 
     def motion(self) -> tuple[Floats, Floats]:
         """Position of the gear and velocity, (n, 3) each: read-only views that later ticks refill."""
@@ -318,41 +348,3 @@ class World:
         ):
             columns[name] = values.copy()
         return columns
-
-
-def _check(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:
-    """Raise one InputError with all faults of a world's arguments."""
-    faults = []
-    seen: set[str] = set()
-    for body in bodies:
-        if body.vehicle in seen:
-            faults.append(Fault(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
-        seen.add(body.vehicle)
-        if body.airframe not in AIRFRAMES:
-            faults.append(
-                Fault(
-                    f"{body.vehicle}.airframe",
-                    repr(body.airframe),
-                    "a known airframe",
-                    nearest(body.airframe, AIRFRAMES),
-                )
-            )
-        for name in ("east_m", "north_m", "up_m", "heading_deg"):
-            value = getattr(body, name)
-            if not math.isfinite(value):
-                faults.append(Fault(f"{body.vehicle}.{name}", repr(value), "a finite number"))
-        if not 0.0 <= body.charge <= 1.0:
-            faults.append(Fault(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
-        if body.up_m < 0.0:
-            faults.append(Fault(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
-        place = (body.east_m, body.north_m, body.up_m)
-        building = city.inside(*place) if city is not None and all(map(math.isfinite, place)) else None
-        if building is not None:
-            faults.append(Fault(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there"))
-    if not bodies:
-        faults.append(Fault("bodies", "none", "at least one aircraft"))
-    if quantum_ns <= 0:
-        faults.append(Fault("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
-    faults += faults_of(wind)
-    if faults:
-        raise InputError("world", faults)

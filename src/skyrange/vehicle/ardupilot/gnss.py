@@ -37,10 +37,10 @@ class Receivers:
         self._epoch = epoch
         self._told: NDArray[np.int64] = np.full(count, np.iinfo(np.int64).min // 2, dtype=np.int64)
 
-    def fresh(self, sensors: Sensors, quantum_ns: Time) -> list[int]:
+    def fresh(self, sensors: Sensors) -> list[int]:
         """The aircraft that have a new fix."""
         since = sensors.gnss_time_ns - self._told
-        rows = np.flatnonzero((since >= PERIOD_NS - quantum_ns) & (sensors.gnss_fix > 0))
+        rows = np.flatnonzero((since >= PERIOD_NS) & (sensors.gnss_fix > 0))
         self._told[rows] = sensors.gnss_time_ns[rows]
         return [int(row) for row in rows]
 

@@ -51,8 +51,8 @@ def _ask(sitl: Sitl) -> Mapping[str, float]:
     for step in range(1, round(MOST_S * NS_PER_S / STEP_NS)):
         if sitl.servos(deadline) is None:
             raise sitl.lost("did not answer when asked for its parameters")
-        connected = sitl.accept()
-        if connected and not asked and step * STEP_NS >= READY_NS:
+        sitl.accept()
+        if sitl.connected and not asked and step * STEP_NS >= READY_NS:
             asked = sitl.write(0, packer.pack(dialect.MAVLink_param_request_list_message(1, 1)))
         for piece in deframer.feed(sitl.read(0)):
             if not piece.garbage:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Floats, Sensors
 from skyrange.world.airframes import MOTORS
@@ -20,8 +19,8 @@ PWM_MIN: Final = 1000.0
 PWM_RANGE: Final = 1000.0
 """MOT_PWM_MIN, and from there to MOT_PWM_MAX, as ArduCopter has them."""
 _LINE: Final = (
-    '\n{"timestamp":%.9f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
-    '"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
+    b'\n{"timestamp":%.12f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
+    b'"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
 )
 _ROOT: Final = math.sqrt(0.5)
 _FLIP: Final = np.array([1.0, -1.0, -1.0])
@@ -77,7 +76,7 @@ def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     rows = np.column_stack(
         (times_s, motion.gyro_radps, motion.accel_mps2, motion.down_m, motion.attitude, motion.range_m)
     )
-    return [(_LINE % tuple(row)).encode() for row in rows.tolist()]
+    return [_LINE % tuple(row) for row in rows.tolist()]
 
 
 def stamp_s(step: int, step_ns: int) -> float:
@@ -85,8 +84,8 @@ def stamp_s(step: int, step_ns: int) -> float:
     return step * step_ns * 1e-9 * (1.0 + 1e-7)
 
 
-def commands_of(widths: Sequence[int]) -> NDArray[np.float64]:
-    """Motor commands 0…1 of pulse widths in µs, motors in ArduCopter's order; 0 µs is no pulse."""
-    pulses = np.array(widths[:MOTORS], dtype=np.float64)
-    commands: NDArray[np.float64] = np.clip((pulses - PWM_MIN) / PWM_RANGE, 0.0, 1.0)
+def commands_of(answers: Sequence[bytes]) -> Floats:
+    """(n, motors) commands 0…1 of what processes answer, motors in ArduCopter's order; 0 µs is no pulse."""
+    widths = np.frombuffer(b"".join([answer[: 2 * MOTORS] for answer in answers]), dtype="<u2").reshape(-1, MOTORS)
+    commands: Floats = np.clip((widths - PWM_MIN) / PWM_RANGE, 0.0, 1.0)
     return commands

@@ -31,7 +31,7 @@ JUMP_M: Final = 1.5
 """What belief moves beyond its velocity between two reports is a reset."""
 _GROUND: Final = int(dialect.MAV_LANDED_STATE_ON_GROUND)
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-_EARTH_M: Final = 6_378_137.0
+_DEGREE_M: Final = math.radians(6_378_137.0)
 _HEARD: Final = frozenset((dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED, dialect.MAVLINK_MSG_ID_STATUSTEXT))
 _ITEMS: Final = frozenset((dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT, dialect.MAVLINK_MSG_ID_MISSION_ITEM))
 _TEXTS: Final[dict[str, Event]] = {
@@ -110,16 +110,17 @@ class Witness:
 
     def _moved(self, now: Time, message: Message) -> Iterator[Event]:
         """Belief that jumps is a reset of the estimator."""
-        lat, lon = math.radians(message.lat * 1e-7), math.radians(message.lon * 1e-7)
-        north, east, up = lat * _EARTH_M, lon * _EARTH_M * math.cos(lat), message.alt * 1e-3
+        lat, lon, up = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
         velocity = (message.vx * 1e-2, message.vy * 1e-2, -message.vz * 1e-2)
-        before, self._place = self._place, (now, north, east, up, *velocity)
+        before, self._place = self._place, (now, lat, lon, up, *velocity)
         if before is None or not self.flags & POSITIONED:
             return
+        north = (lat - before[1]) * _DEGREE_M
+        east = (lon - before[2]) * _DEGREE_M * math.cos(math.radians(lat))
         seconds = (now - before[0]) / NS_PER_S
         jump = [
-            here - there - 0.5 * seconds * (speed + was)
-            for here, there, speed, was in zip((north, east, up), before[1:4], velocity, before[4:], strict=True)
+            way - 0.5 * seconds * (speed + was)
+            for way, speed, was in zip((north, east, up - before[3]), velocity, before[4:], strict=True)
         ]
         if math.hypot(*jump) >= JUMP_M:
             yield "event.estimator", {"reset": "position", "east_m": jump[1], "north_m": jump[0], "up_m": jump[2]}

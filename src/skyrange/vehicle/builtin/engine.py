@@ -94,6 +94,7 @@ class BuiltinFleet:
     clock: Literal["lockstep", "wall"] = "lockstep"
     repeatable: Literal["bytes", "outcome"] = "bytes"
     preroll_ns: Time = 0
+    moves: Sequence[str] = ()
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> None:
         """Build the fleet, standing disarmed in STABILIZE. Chance only sets when within a second each one reports.

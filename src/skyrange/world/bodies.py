@@ -1,0 +1,71 @@
+"""What aircraft does a world begin with, and is that possible?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.time import Time
+from skyrange.world.airframes import AIRFRAMES
+from skyrange.world.wind import Wind, faults_of
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """One aircraft and where it stands at the start.
+
+    `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors
+    off. `heading_deg` is clockwise from north; `charge` is the battery's, 0 to 1.
+    """
+
+    vehicle: str
+    airframe: str
+    east_m: float
+    north_m: float
+    up_m: float = 0.0
+    heading_deg: float = 0.0
+    charge: float = 1.0
+
+
+def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:
+    """Raise one InputError with all faults of a world's arguments."""
+    faults = []
+    seen: set[str] = set()
+    for body in bodies:
+        if body.vehicle in seen:
+            faults.append(Fault(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
+        seen.add(body.vehicle)
+        if body.airframe not in AIRFRAMES:
+            faults.append(
+                Fault(
+                    f"{body.vehicle}.airframe",
+                    repr(body.airframe),
+                    "a known airframe",
+                    nearest(body.airframe, AIRFRAMES),
+                )
+            )
+        for name in ("east_m", "north_m", "up_m", "heading_deg"):
+            value = getattr(body, name)
+            if not math.isfinite(value):
+                faults.append(Fault(f"{body.vehicle}.{name}", repr(value), "a finite number"))
+        if not 0.0 <= body.charge <= 1.0:
+            faults.append(Fault(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
+        if body.up_m < 0.0:
+            faults.append(Fault(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
+        place = (body.east_m, body.north_m, body.up_m)
+        building = city.inside(*place) if city is not None and all(map(math.isfinite, place)) else None
+        if building is not None:
+            faults.append(Fault(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there"))
+    if not bodies:
+        faults.append(Fault("bodies", "none", "at least one aircraft"))
+    if quantum_ns <= 0:
+        faults.append(Fault("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
+    faults += faults_of(wind)
+    if faults:
+        raise InputError("world", faults)

@@ -1,0 +1,286 @@
+"""How does a body move whose pose an engine imposes? It follows the poses, and its velocity between them.
+
+A pose holds for the tick at which it was imposed; the next tick takes the body to where its velocity brings it from
+there. So a body never moves but within a tick, and is swept along its way like any other: nothing is passed through,
+and sensors, collisions and radio see one motion. Programs tell their pose at 10 to 50 Hz: held, it would be 1 m late at
+10 m/s; carried on by its velocity, with 5 m/s² unknown for 100 ms, 25 mm. After `CARRY_S` without another the body
+stands still in the air: nobody knows where it is, and what flies straight on for long has left the city.
+
+The specific force is that of the change of velocity between the last two poses. The body stands on what is below it
+where its gear is within `STAND_M`, touches down as one that the world moves does (`multirotor`), and breaks as that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Floats, Poses
+from skyrange.core.compiled import kernel
+from skyrange.world import multirotor
+from skyrange.world.airframes import GRAVITY_MPS2
+from skyrange.world.multirotor import ALOFT, BROKEN, CRASHED, EVENTS, HARD_MPS, JUMPED, ON_GROUND, TIPPED, TOUCHED
+from skyrange.world.nearness import NEAR_M
+
+Ints = NDArray[np.int64]
+Marks = NDArray[np.uint8]
+
+CARRY_S = 0.25
+"""So long a velocity carries a body on: two poses missed at 10 Hz."""
+JUMP_M = 0.5 * NEAR_M
+"""A pose farther off than this is no flight but another place (a simulator was reset, or silent for long): nothing on
+the way is hit. The census of who is near holds for ticks in which two come no more than `NEAR_M` closer."""
+STAND_M = 0.02
+"""Gear this close to the ground stands on it: ArduPilot tells heights in whole centimetres."""
+MOST_M = 1e6
+"""Of a coordinate; a pose beyond is a mistake of units or of origin, and so are those beyond the next two."""
+MOST_MPS = 1e3
+MOST_RADPS = 1e3
+_LEAP_M = 1.0  # beyond it what was below may not be what is
+_UNIT = 0.01  # how far from 1 a quaternion's length may be
+
+_POSITION, _VELOCITY, _ATTITUDE, _RATES, _CHANGE, _NUMBERS = 0, 3, 6, 10, 13, 16
+"""Columns of the table of poses; CHANGE is that of velocity since the pose before, per second."""
+_FINE, _NOT_LED, _BAD_POSITION, _BAD_VELOCITY, _BAD_ATTITUDE, _BAD_RATES = range(6)
+_WRONG = {
+    _BAD_POSITION: ("position_enu_m", f"finite metres, at most {MOST_M:g}"),
+    _BAD_VELOCITY: ("vel_enu_mps", f"finite m/s, at most {MOST_MPS:g}"),
+    _BAD_ATTITUDE: ("attitude", f"a quaternion of length 1, to {_UNIT:g}"),
+    _BAD_RATES: ("rates_radps", f"finite rad/s, at most {MOST_RADPS:g}"),
+}
+
+
+class Imposed:
+    """The imposed poses of a world's n bodies. Deep copies go on alike."""
+
+    def __init__(self, count: int, step_s: float) -> None:
+        self._step_s = step_s
+        self.led: Marks = np.zeros(count, dtype=np.uint8)
+        """(n,) 1 where the pose is imposed."""
+        self.rows: Ints = np.zeros(0, dtype=np.int64)
+        """Where it is."""
+        self.jump_m = np.zeros(count)
+        """(n,) how far the last jump went."""
+        self._poses = np.zeros((count, _NUMBERS))
+        self._pending = np.zeros(count, dtype=np.uint8)
+        self._since = np.zeros(count, dtype=np.int64)
+
+    def set_led(self, rows: Ints, led: bool, velocity: Floats) -> None:
+        """Whether the poses of some bodies are imposed from now on; each has that velocity, (n, 3), now."""
+        self.led[rows] = led
+        self.rows = np.flatnonzero(self.led)
+        self._pending[rows] = 0
+        self._since[rows] = 0
+        self._poses[rows] = 0.0
+        self._poses[rows, _VELOCITY:_ATTITUDE] = velocity[rows]
+
+    def take(self, rows: Ints, poses: Poses, vehicles: Sequence[str]) -> None:
+        """Keep the fresh ones for the next tick. Raises ValueError for what is none, and takes none then."""
+        fresh = np.ascontiguousarray(poses.fresh, dtype=np.bool_)
+        arrays = (poses.position_enu_m, poses.vel_enu_mps, poses.attitude, poses.rates_radps)
+        position, velocity, attitude, rates = given = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
+        shapes = [array.shape for array in (fresh, *given)]
+        wanted = [(len(rows),), *((len(rows), width) for width in (3, 3, 4, 3))]
+        if shapes != wanted:
+            raise ValueError(f"imposed poses of the shapes {shapes}, expected {wanted}")
+        row, wrong = _look(rows, self.led, fresh, position, velocity, attitude, rates)
+        if wrong == _NOT_LED:
+            raise ValueError(f"imposed a pose on {vehicles[rows[row]]}, which the world moves")
+        if wrong != _FINE:
+            what, expected = _WRONG[wrong]
+            raise ValueError(
+                f"imposed on {vehicles[rows[row]]} the {what} {given[wrong - _BAD_POSITION][row].tolist()}, "
+                f"expected {expected}"
+            )
+        _take(
+            self._step_s, rows, fresh, position, velocity, attitude, rates, self._poses, self._pending, self._since
+        )  # fmt: skip
+
+    def follow(self, *state: Any) -> int:
+        """Take them through one quantum; `state` is what the kernel `follow` reads from `parameters` on."""
+        return int(follow(self._step_s, self.rows, self._poses, self._pending, self._since, self.jump_m, *state))
+
+
+@kernel
+def _beyond(vector: Floats, most: float) -> bool:
+    """Whether any is over `most` or not a number."""
+    beyond = False
+    for k in range(vector.shape[0]):
+        beyond |= not abs(vector[k]) <= most
+    return beyond
+
+
+@kernel
+def _look(
+    rows: Ints,
+    led: Marks,
+    fresh: NDArray[np.bool_],
+    position: Floats,
+    velocity: Floats,
+    attitude: Floats,
+    rates: Floats,
+) -> tuple[int, int]:
+    """The first row with a pose that cannot be, and what is wrong with it."""
+    for k in range(rows.shape[0]):
+        if not fresh[k]:
+            continue
+        if not led[rows[k]]:
+            return k, _NOT_LED
+        if _beyond(position[k], MOST_M):
+            return k, _BAD_POSITION
+        if _beyond(velocity[k], MOST_MPS):
+            return k, _BAD_VELOCITY
+        square = 0.0
+        for axis in range(4):
+            square += attitude[k, axis] * attitude[k, axis]
+        if not abs(math.sqrt(square) - 1.0) <= _UNIT:
+            return k, _BAD_ATTITUDE
+        if _beyond(rates[k], MOST_RADPS):
+            return k, _BAD_RATES
+    return 0, _FINE
+
+
+@kernel
+def _take(
+    step_s: float,
+    rows: Ints,
+    fresh: NDArray[np.bool_],
+    position: Floats,
+    velocity: Floats,
+    attitude: Floats,
+    rates: Floats,
+    poses: Floats,
+    pending: Marks,
+    since: Ints,
+) -> None:
+    for k in range(rows.shape[0]):
+        if not fresh[k]:
+            continue
+        i = rows[k]
+        if not pending[i]:  # else one of the same tick is replaced
+            elapsed = since[i] * step_s
+            for axis in range(3):
+                change = velocity[k, axis] - poses[i, _VELOCITY + axis]
+                poses[i, _CHANGE + axis] = change / elapsed if 0.0 < elapsed <= CARRY_S else 0.0
+        pending[i] = 1
+        square = 0.0
+        for axis in range(4):
+            square += attitude[k, axis] * attitude[k, axis]
+        norm = math.sqrt(square)
+        for axis in range(4):
+            poses[i, _ATTITUDE + axis] = attitude[k, axis] / norm
+        for axis in range(3):
+            poses[i, _POSITION + axis] = position[k, axis]
+            poses[i, _VELOCITY + axis] = velocity[k, axis]
+            poses[i, _RATES + axis] = rates[k, axis]
+
+
+@kernel
+def follow(
+    step_s: float,
+    rows: Ints,
+    poses: Floats,
+    pending: Marks,
+    since: Ints,
+    jump_m: Floats,
+    parameters: Floats,
+    airframe: Ints,
+    floor: Floats,
+    position: Floats,
+    velocity: Floats,
+    attitude: Floats,
+    rates: Floats,
+    accel: Floats,
+    flags: Marks,
+    impact_mps: Floats,
+    height: Floats,
+    before: Floats,
+    way: Floats,
+    stride: Floats,
+) -> int:
+    """Take the bodies in `rows` (k,) through one quantum, after `multirotor.advance`; returns how many events it saw.
+
+    `poses` (n, 16), `pending` (n,) 1 where one waits, `since` (n,) ticks since the last one, `jump_m` (n,) receives how
+    far a jump went; the rest as in `multirotor.advance`, whose `stride` grows where one of these went farther.
+    """
+    events = 0
+    for k in range(rows.shape[0]):
+        i = rows[k]
+        fell = 0.0
+        for axis in range(3):
+            fell += velocity[i, axis] * velocity[i, axis]
+        jumped = False
+        px, py, pz = position[i, 0], position[i, 1], position[i, 2]
+        nx, ny, nz = px, py, pz
+        ground = floor[i]
+        if pending[i]:
+            pending[i] = 0
+            since[i] = 0
+            nx, ny, nz = poses[i, _POSITION], poses[i, _POSITION + 1], poses[i, _POSITION + 2]
+            far = math.sqrt((nx - px) * (nx - px) + (ny - py) * (ny - py) + (nz - pz) * (nz - pz))
+            for axis in range(3):
+                velocity[i, axis] = poses[i, _VELOCITY + axis]
+                rates[i, axis] = poses[i, _RATES + axis]
+            for axis in range(4):
+                attitude[i, axis] = poses[i, _ATTITUDE + axis]
+            if far > _LEAP_M:
+                ground = 0.0  # collisions look for the roof below, if there is one
+            if far > JUMP_M:
+                jumped = True
+                jump_m[i] = far
+                flags[i, EVENTS] |= JUMPED
+                events += 1
+                for axis in range(3):
+                    poses[i, _CHANGE + axis] = 0.0
+        since[i] += 1
+        if since[i] * step_s > CARRY_S:
+            for axis in range(3):
+                velocity[i, axis] = 0.0
+                rates[i, axis] = 0.0
+                poses[i, _CHANGE + axis] = 0.0
+        qw, qx, qy, qz = attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3]
+        fx, fy, fz = poses[i, _CHANGE], poses[i, _CHANGE + 1], poses[i, _CHANGE + 2] + GRAVITY_MPS2
+        r20 = 2.0 * (qx * qz - qw * qy)
+        r21 = 2.0 * (qy * qz + qw * qx)
+        r22 = 1.0 - 2.0 * (qx * qx + qy * qy)
+        accel[i, 0] = (1.0 - 2.0 * (qy * qy + qz * qz)) * fx + 2.0 * (qx * qy + qw * qz) * fy + r20 * fz
+        accel[i, 1] = 2.0 * (qx * qy - qw * qz) * fx + (1.0 - 2.0 * (qx * qx + qz * qz)) * fy + r21 * fz
+        accel[i, 2] = 2.0 * (qx * qz + qw * qy) * fx + 2.0 * (qy * qz - qw * qx) * fy + r22 * fz
+        nx += velocity[i, 0] * step_s
+        ny += velocity[i, 1] * step_s
+        nz = max(nz + velocity[i, 2] * step_s, ground)  # nobody is below the ground
+        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = multirotor.turned(
+            qw, qx, qy, qz, step_s * rates[i, 0], step_s * rates[i, 1], step_s * rates[i, 2]
+        )
+
+        height[i] = nz - ground
+        standing = height[i] <= STAND_M
+        flags[i, ON_GROUND] = standing
+        flags[i, ALOFT] |= height[i] > multirotor.REARM_M
+        if standing and flags[i, ALOFT]:
+            flags[i, ALOFT] = 0
+            falls = 0.0
+            for axis in range(3):
+                falls += velocity[i, axis] * velocity[i, axis]
+            impact_mps[i] = math.sqrt(max(fell, falls))  # the pose on the ground may have lost its speed already
+            flags[i, EVENTS] |= TOUCHED
+            events += 1
+            if impact_mps[i] > HARD_MPS and not flags[i, CRASHED]:
+                flags[i, EVENTS] |= BROKEN
+                flags[i, CRASHED] = 1
+        if standing and r22 < parameters[airframe[i], multirotor.TIP_COS] and not flags[i, CRASHED]:
+            flags[i, EVENTS] |= TIPPED
+            flags[i, CRASHED] = 1
+            events += 1
+
+        dx, dy, dz = nx - px, ny - py, nz - pz
+        way[i] += abs(dx) + abs(dy) + abs(dz)
+        stride[0] = max(stride[0], dx * dx + dy * dy + dz * dz)
+        position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
+        if jumped:
+            before[i, 0], before[i, 1], before[i, 2] = nx, ny, nz
+    return events

@@ -1,0 +1,21 @@
+"""ArduPilot keeps the contract of engines, real processes and all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from skyrange.core.time import NS_PER_S
+from skyrange.testing import check_engine
+from skyrange.testing.fleet import FLEET
+from tests.ardupilot import needs_arducopter
+
+pytestmark = [pytest.mark.integration, needs_arducopter]
+
+
+def test_ardupilot_keeps_the_contract() -> None:
+    from skyrange.vehicle.ardupilot.engine import ArduPilotFleet
+
+    specs = [replace(spec, params={"SCHED_LOOP_RATE": 100}) for spec in FLEET[:2]]
+    check_engine(ArduPilotFleet, specs=specs, until=NS_PER_S, name="ArduPilot")
