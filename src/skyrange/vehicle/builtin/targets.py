@@ -228,7 +228,6 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
         fleet.limits(craft)
         if fleet.landed(craft):
             craft.ready = True
-            flight["spool"][row] = 0.0
             flight["throttle"][row] = 0.0
             loop.rest(flight, row)
             fleet.timer(craft, Timer.IDLE)
