@@ -15,7 +15,7 @@ from skyrange.study.session import fly
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Parity:
-    changes = ["duration_s=60", "record.truth_hz=50"]
+    changes = ["duration_s=60", "record.truth_hz=50", "sensors.noise=0"]
     first = measured(fly(load("squares", changes), tmp_path_factory.mktemp("parity") / "run", report=False))
     return Parity(first, first)
 
