@@ -49,6 +49,7 @@ def scenario(duration_s: float = 80.0, head_on: bool = False) -> Any:
             "duration_s": duration_s,
             "origin": {"lat": 40.778, "lon": -73.955},
             "operators": [{"id": "op", "vehicles": fleet}],
+            "sensors": {"noise": 0.0 if head_on else 1.0},
             "autopilots": {"options": options, "on_silent": "continue"},
         }
     )

@@ -22,7 +22,8 @@ from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.io.sitl import Sitl, Switchboard
+from skyrange.io.programs import make_room
+from skyrange.io.sitl import FILES, Sitl, Switchboard, check_free
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.binary import find
 from skyrange.vehicle.ardupilot.gnss import Receivers
@@ -39,8 +40,10 @@ WARM_UP_NS: Time = 45 * NS_PER_S
 """Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
 PRIVATE = 1
 """The serial port that no ground station hears."""
-START_S = 30.0
-"""Wall seconds in which a process has to have come up."""
+START_S = 60.0
+"""Wall seconds in which a process has to have come up, and in which it has to answer while it boots."""
+OPEN = 2
+"""The serial port where a ground station may be let in."""
 
 
 @dataclass(slots=True)
@@ -48,6 +51,10 @@ class Instance:
     """One aircraft's process and what is known of it."""
 
     spec: VehicleSpec
+    values: Mapping[str, float]
+    """Its parameters that are not the firmware's defaults."""
+    arguments: Mapping[str, Any]
+    """What its process was started with."""
     sitl: Sitl
     onboard: Packer
     """Ours on the private port."""
@@ -98,6 +105,9 @@ class Fleet(ABC):
         self.binary = find()
         self._options = options
         self._listed = parameters_of(self.binary.path, self.binary.sha256)
+        check_free(options.opened(len(specs)), "options.ardupilot.open_port")
+        if options.open_port:
+            self.repeatable = "outcome"  # who connects, and when, no seed says
         self._specs = tuple(specs)
         self._origin, self._epoch = origin, epoch
         self.ports = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
@@ -131,8 +141,8 @@ class Fleet(ABC):
         """Its parameters. Raises `InputError` with all that is wrong with those given."""
 
     @abstractmethod
-    def _launch(self, values: Mapping[str, float], **common: Any) -> Sitl:
-        """Start its process; `common` are arguments that every `Sitl` takes."""
+    def _launch(self, **arguments: Any) -> Sitl:
+        """Start a process; `arguments` are those that every `Sitl` takes."""
 
     def _check(self) -> None:
         """Raise `InputError` with every parameter of every aircraft that is wrong."""
@@ -147,26 +157,38 @@ class Fleet(ABC):
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
         """Start all processes, whose own time begins at `tick`; waits for none."""
+        make_room(FILES * len(self._specs), f"engine {self.name}")
         self._folder = TemporaryDirectory(prefix="skyrange-")
+        opened = self._options.opened(len(self._specs))
         for row, spec in enumerate(self._specs):
             values = self._values(spec, int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS)
             if self._options.keep_logs:
                 values["LOG_BACKEND_TYPE"] = 1.0
-            folder = Path(self._folder.name) / spec.vehicle.replace("/", "-")
-            folder.mkdir()
             east_m, north_m, up_m = spec.home_enu_m
             lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
-            sitl = self._launch(
-                values,
-                name=f"arducopter of {spec.vehicle}",
-                binary=self.binary.path,
-                folder=folder,
-                home=(lat_deg, lon_deg, self._origin.alt_msl_m + up_m, spec.heading_deg % 360.0),
-                system_id=spec.system_id,
-                start_unix_s=(self._epoch.unix_ns + tick - (WARM_UP_NS - self.preroll_ns)) // NS_PER_S,
-                parameters=parameters.text_of(values),
-            )
-            self._instances.append(Instance(spec, sitl, Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)))
+            arguments = {
+                "name": f"arducopter of {spec.vehicle}",
+                "binary": self.binary.path,
+                "folder": self._own_folder(spec.vehicle),
+                "home": (lat_deg, lon_deg, self._origin.alt_msl_m + up_m, spec.heading_deg % 360.0),
+                "system_id": spec.system_id,
+                "start_unix_s": (self._epoch.unix_ns + tick - (WARM_UP_NS - self.preroll_ns)) // NS_PER_S,
+                "parameters": parameters.text_of(values),
+                "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
+            }
+            packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
+            self._instances.append(Instance(spec, values, arguments, self._launch(**arguments), packer))
+
+    def _own_folder(self, vehicle: str, suffix: str = "") -> Path:
+        assert self._folder is not None
+        folder = Path(self._folder.name) / (vehicle.replace("/", "-") + suffix)
+        folder.mkdir()
+        return folder
+
+    def _launch_again(self, one: Instance, suffix: str) -> None:
+        """The same in a folder of another name, the one before ended."""
+        one.sitl.close()
+        one.sitl = self._launch(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
 
     def leaves(self) -> Mapping[str, Path]:
         """The DataFlash logs to be kept, by their names in the run's folder; they are there until `close`."""

@@ -6,7 +6,7 @@ clock of the machine takes part: the same inputs give the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -19,11 +19,13 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.io.sitl import LockstepSitl, wall_s
 from skyrange.vehicle.ardupilot import parameters
-from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet
+from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet, Instance
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.packets import Motion, between, commands_of, lines, motion_of, stamp_s
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
+
+_TRIES = 5
 
 
 @dataclass(slots=True)
@@ -65,19 +67,35 @@ class LockstepFleet(Fleet):
         airframe = AIRFRAMES[spec.airframe]
         return parameters.start_values(spec.vehicle, airframe, spec.params, self._listed, gnss_lag_ms)
 
-    def _launch(self, values: Mapping[str, float], **common: Any) -> LockstepSitl:
-        sitl = LockstepSitl(**common)
-        self._steppers.append(_Stepper(sitl, *parameters.steps_of(values, self._listed, QUANTUM_NS / NS_PER_S)))
-        return sitl
+    def _launch(self, **arguments: Any) -> LockstepSitl:
+        return LockstepSitl(**arguments)
+
+    def _come_up(self) -> None:
+        """Wait until the last process has spoken, each from a port of its own."""
+        deadline = wall_s() + START_S
+        taken: set[int] = set()
+        for one in self._instances:
+            sitl = self._sitl(one)
+            for again in range(_TRIES):
+                if sitl.servos(deadline) is None:
+                    raise sitl.lost(f"did not come up within {START_S:g} s")
+                if sitl.port not in taken:
+                    break
+                self._launch_again(one, f"-{again + 2}")  # two at one port: one of them would not hear us
+                sitl = self._sitl(one)
+            taken.add(sitl.port)
+            rates = parameters.steps_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
+            self._steppers.append(_Stepper(sitl, *rates))
+
+    def _sitl(self, one: Instance) -> LockstepSitl:
+        assert isinstance(one.sitl, LockstepSitl)
+        return one.sitl
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Hand everyone its mail, its fix and the first step of the tick."""
         if not self._instances:
             self._start(tick, sensors)
-            deadline = wall_s() + START_S
-            for stepper in self._steppers:
-                if stepper.sitl.servos(deadline) is None:
-                    raise stepper.sitl.lost(f"did not come up within {START_S:g} s")
+            self._come_up()
         self._hand_over(sensors, inbox)
         after = motion_of(sensors, self._home_up_m)
         before, self._motion = (self._motion if self._motion is not None else after), after
@@ -100,7 +118,8 @@ class LockstepFleet(Fleet):
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
-        deadline = wall_s() + wall_deadline_s
+        booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
+        deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
         answers: dict[int, bytes] = {}
         due, turn = self._due, 0

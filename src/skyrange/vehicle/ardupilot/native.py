@@ -19,6 +19,7 @@ from skyrange.agent.messages import Inbox, Outbox
 from skyrange.codec.mavlink import Message, dialect
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.io.programs import Leash
 from skyrange.io.sitl import Sitl, wall_s
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.fleet import PRIVATE, START_S, WARM_UP_NS, Fleet
@@ -41,6 +42,8 @@ UNHEARD_S: Final = 0.1
 (SIM_Aircraft.cpp, `sync_frame_time`)."""
 AHEAD_S: Final = 0.15
 """On the machine's clock: one that is farther ahead of the tick is stopped."""
+LEASH_S: Final = 0.25
+"""Where no tick comes for so long all are stopped, until one does."""
 SLIP_S: Final = 0.6
 """One that has come farther ahead flew on while we stood still: that time is lost, and its clock is set anew."""
 GRAIN_S: Final = 0.005
@@ -99,6 +102,7 @@ class NativeFleet(Fleet):
         self._slipped_ns: Time = 0
         self._flying = False
         """Whether all have booted."""
+        self._leash: Leash | None = None
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -110,8 +114,8 @@ class NativeFleet(Fleet):
         values[SPEEDUP] = BOOT_SPEED
         return values
 
-    def _launch(self, values: Mapping[str, float], **common: Any) -> Sitl:
-        return Sitl(model=MODEL, **common)
+    def _launch(self, **arguments: Any) -> Sitl:
+        return Sitl(model=MODEL, **arguments)
 
     # ---------------------------------------------------------------- until time 0
 
@@ -139,6 +143,7 @@ class NativeFleet(Fleet):
         for row in range(len(self._clocks)):
             self._hold(row, False)
         self._flying = True
+        self._leash = Leash([one.sitl.program for one in self._instances], LEASH_S)
 
     def _fix(self, row: int, now: Time, sensors: Sensors) -> None:
         """While it boots it is given the fix of the first tick, time and again."""
@@ -170,12 +175,19 @@ class NativeFleet(Fleet):
         if one.sitl.write(PRIVATE, one.onboard.pack(ask)):
             self._clocks[row].speed = speed
 
+    def close(self) -> None:
+        """As `Fleet`."""
+        if self._leash is not None:
+            self._leash.close()
+        super().close()
+
     # ---------------------------------------------------------------- a tick
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Hand everyone its mail and its fix."""
         if not self._instances:
             self._boot(tick, sensors)
+        self._be_here()
         self._hand_over(sensors, inbox)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
@@ -187,9 +199,11 @@ class NativeFleet(Fleet):
         deadline = wall_s() + wall_deadline_s
         self._hear(tick, outbox)
         self._restrain(tick - self._began)
+        self._be_here()
         while (wait_s := self._behind_s(tick - self._began)) > 0.0:
             if wall_s() > deadline:
                 self._give_up(tick - self._began, outbox)
+            self._be_here()
             self._bury(outbox)
             self._hear(tick, outbox, max(wait_s, GRAIN_S))
             self._restrain(tick - self._began)
@@ -202,6 +216,13 @@ class NativeFleet(Fleet):
             elif clock.pulses:
                 self._commands[row] = np.clip((np.array(clock.pulses) - PWM_MIN) / PWM_RANGE, 0.0, 1.0)
         return Finished(self._commands, outbox, [one.status for one in self._instances], poses)
+
+    def _be_here(self) -> None:
+        """Let those go on that were stopped because we were not."""
+        if self._leash is not None and self._leash.tug():
+            for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+                if one.alive and not clock.held:
+                    self._hold(row, False)
 
     def _behind_s(self, tick: Time) -> float:
         """How long, on the machine's clock, until the slowest will have come to the tick."""

@@ -12,7 +12,7 @@ from typing import Final
 
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.vehicle.builtin.parameter_names import RENAMED, from_nominal, nominal, to_nominal
-from skyrange.vehicle.builtin.parameters import TUNING
+from skyrange.vehicle.builtin.parameters import TUNING, hover_throttle
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import Airframe
 
@@ -85,7 +85,7 @@ def start_values(
     who: str, airframe: Airframe, given: Mapping[str, float], listed: Mapping[str, float], gnss_lag_ms: int
 ) -> dict[str, float]:
     """What the file of defaults says. Raises `InputError` with every name and value of `given` that is wrong."""
-    own = {"MOT_THST_HOVER": airframe.hover_thrust, "MOT_THST_EXPO": airframe.thrust_expo}
+    own = {"MOT_THST_HOVER": hover_throttle(airframe), "MOT_THST_EXPO": airframe.thrust_expo}
     return _values(who, {**TUNING.get(airframe.name, {}), **own}, given, listed, gnss_lag_ms)
 
 
