@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.io.programs import Program
 
 LOOPBACK = "127.0.0.1"
@@ -214,6 +214,25 @@ class Switchboard:
 def wall_s() -> float:
     """The clock that deadlines are on, s."""
     return monotonic()
+
+
+def check_free(ports: Sequence[int], where: str) -> None:
+    """Refuse ports that a process could not listen at, on all interfaces; `where` is who asks for them."""
+    faults = []
+    for port in ports:
+        # below, SITL counts from its first port (UARTDriver.cpp `_tcp_start_connection`)
+        if not 1024 <= port <= 65_535:
+            faults.append(Fault(where, f"port {port}", "ports from 1024 to 65535, for all of them"))
+            continue
+        try:
+            with socket.socket() as tried:
+                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as it does itself
+                tried.bind(("", port))
+                tried.listen()
+        except OSError as error:
+            faults.append(Fault(where, f"port {port}: {error.strerror}", "one that is free"))
+    if faults:
+        raise InputError("ardupilot", faults)
 
 
 def _bound(kind: socket.SocketKind) -> socket.socket:

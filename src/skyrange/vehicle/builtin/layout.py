@@ -242,6 +242,7 @@ class Control(IntEnum):
     IDLE = 1
     """Armed on the ground, motors at spin-arm."""
     TAKEOFF = 2
+    """Up to the height of `target_pos` and staying there, at no place of the map (`_AutoTakeoff::run`)."""
     LEG = 3
     """Along the legs to a waypoint, then holding it."""
     POSITION = 4
