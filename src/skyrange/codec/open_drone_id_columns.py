@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.codec.columns import Table
 from skyrange.codec.f3411 import values
@@ -41,7 +42,7 @@ def location_columns(said: Table) -> tuple[Floats, Codes]:
     numbers[0] = _known(said["latitude"] / values.DEGREES, placed)
     numbers[1] = _known(said["longitude"] / values.DEGREES, placed)
     for row, name in enumerate(_ALTITUDES, start=2):
-        metres = said[name].astype(np.float64)
+        metres = _wide(said[name])
         numbers[row] = _known(metres, np.isfinite(metres) & (metres != ALTITUDE_UNKNOWN_M))
     for row, name, unknown in (
         (5, "speed_horizontal", SPEED_UNKNOWN_CMPS),
@@ -50,11 +51,16 @@ def location_columns(said: Table) -> tuple[Floats, Codes]:
     ):
         numbers[row] = _known(said[name] / 100.0, said[name] != unknown)
     numbers[7, said["direction"] > _TRACK_MOST_CDEG] = np.nan
-    seconds = said["timestamp"].astype(np.float64)
+    seconds = _wide(said["timestamp"])
     numbers[8] = _known(seconds, (seconds >= 0.0) & (seconds <= _TIME_MOST_S))
     for row, name in enumerate(_CODES):
         codes[row] = np.where(said[name] <= _MOST[row], said[name], 0)
     return numbers, codes
+
+
+def _wide(numbers: NDArray[np.float32]) -> Floats:
+    with np.errstate(invalid="ignore"):  # some bytes are no number, and signal it
+        return numbers.astype(np.float64)
 
 
 def _known(numbers: Floats, where: Flags) -> Floats:
