@@ -178,6 +178,8 @@ def _one_kind(value: Mapping[str, Any]) -> str:
         below = value.get("items") or {}
         if "$ref" in below:
             return "array of tables"
+        if "enum" in below or below.get("type") == "string":
+            return "list of texts"
         return "list of lists of numbers" if below.get("type") == "array" else "list of numbers"
     if kind == "string":
         return "date and time" if value.get("format") == "date-time" else "text"

@@ -28,7 +28,7 @@ PICTURES: dict[str, Callable[[RunRecord], figures.Figure]] = {
     "wind": figures.track_deviation,
 }
 """What is drawn of each; `survey` has a picture of its report instead."""
-PAIRS = ("rid-city", "rid-spoofing")
+PAIRS = ("gnss-drift", "rid-city", "rid-spoofing")
 """Of these both flights are drawn."""
 
 

@@ -13,6 +13,8 @@ from skyrange.agent.frames import Frame
 from skyrange.agent.links import TapPlacement
 from skyrange.agent.messages import Inbox, Outbox
 from skyrange.attack.contract import Attack, AttackKind, Setting
+from skyrange.attack.gnss_drift import DRIFT
+from skyrange.attack.gnss_jump import JUMP
 from skyrange.attack.remote_id_jam import JAM
 from skyrange.attack.remote_id_replay import REPLAY
 from skyrange.attack.remote_id_spoof import SPOOF
@@ -28,6 +30,8 @@ KINDS: list[tuple[AttackKind, Mapping[str, Any], bool]] = [
     (SPOOF, {"at": PLACE, "form": "swarm", "count": 7}, True),
     (REPLAY, {"transmitter_m": PLACE, "delay_s": 1.0}, False),  # nobody is on the air here whom it could hear
     (JAM, {"transmitter_m": PLACE, "duty": 0.3}, True),
+    (JUMP, {"vehicles": ["blue/b1"], "offset_m": [40.0, 0.0, 3.0]}, True),
+    (DRIFT, {"vehicles": ["blue/b1", "green/g1"], "rate_mps": [2.0, 0.0, 0.0], "largest_m": 4.0}, True),
     (HOMEWARD, {"vehicle": "blue/b1"}, True),
 ]
 

@@ -16,6 +16,7 @@ from skyrange.study.session import fly
 EVENTS = {
     "city-fleet": "8445bb9deaec5b9568cc62e80b5370e3",
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
+    "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
     "head-on": "9189e8a79e36527fdae280a6245b710f",
     "rid-city": "057039b0b44ef991b77b9de05c9df5f1",
     "rid-spoofing": "a63a466c787fe513f0bb150be0ea3d16",
@@ -23,7 +24,7 @@ EVENTS = {
     "survey": "5910fd9e32396594720b1e73f215d556",
     "wind": "2898e76c3ee8c572c45ebb10544036ce",
 }
-ENDS = {name: {"complete"} for name in EVENTS} | {"head-on": {"failed", "unfinished"}}
+ENDS = {name: {"complete"} for name in EVENTS} | {"gnss-drift": {"failed"}, "head-on": {"failed", "unfinished"}}
 """How the mission of every aircraft ends."""
 
 

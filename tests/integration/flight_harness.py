@@ -208,6 +208,17 @@ class Range:
                 self.send(vehicle, self.item(vehicle, requests[-1].seq, rows[requests[-1].seq]))
         return int(self.heard("MISSION_ACK", vehicle)[-1].type)
 
+    def go_to(self, vehicle: str, east: float, north: float, up: float) -> None:
+        """In GUIDED, to a place of the map."""
+        frame, only_position = dialect.MAV_FRAME_LOCAL_NED, 0xDF8
+        place = (north, east, -up, 0, 0, 0, 0, 0, 0, 0, 0)
+        system = self.system[vehicle]
+        self.send(
+            vehicle,
+            dialect.MAVLink_set_position_target_local_ned_message(0, system, 1, frame, only_position, *place),
+        )
+        self.run(0.02)
+
     def take_off(self, vehicle: str, alt_m: float) -> None:
         """GUIDED, armed, up to a height, and there."""
         assert self.mode(vehicle, 4) == 0

@@ -116,10 +116,19 @@ def test_a_jump_with_the_old_velocity_is_rejected_for_ten_seconds_and_then_belie
     note = next(note for note in watch.notes() if "reset" in note)
     assert note["reset"] == "position"
     assert float(note["east_m"]) == pytest.approx(200.0, abs=4.0)  # type: ignore[arg-type]
-    # the aircraft stays until then, and flies back by what it has been told to have moved
+    # the aircraft stays, and goes on to: after a take-off in GUIDED it holds no place of the map
+    assert abs(watch.truth[-1][0] - watch.truth[0][0]) < 4.0
+
+
+def test_a_reset_sends_an_aircraft_at_a_place_of_the_map_away_from_it(hovering: Range) -> None:
+    fly = copy.deepcopy(hovering)
+    fly.go_to(ME, 3.0, -2.0, 20.0)
+    fly.run(5.0)
+    watch = Watch(fly, jump(200.0), 25.0)
+    reset = watch.first(lambda e: e["resets"] > 0)
     _, stood = watch.at(reset)
     assert abs(stood[0] - watch.truth[0][0]) < 2.0
-    assert watch.truth[-1][0] < watch.truth[0][0] - 60.0
+    assert watch.truth[-1][0] < watch.truth[0][0] - 60.0  # it flies back by what it has been told to have moved
 
 
 def test_a_jump_with_a_false_velocity_is_believed_after_seven_seconds(hovering: Range) -> None:

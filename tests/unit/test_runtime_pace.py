@@ -73,3 +73,8 @@ def test_the_first_signal_is_noted_and_the_second_raises() -> None:
     with Interruptible() as interrupt:
         os.kill(os.getpid(), signal.SIGTERM)
         assert interrupt.requested
+
+
+@pytest.mark.parametrize("speed", [0.0001, 0.01, 0.5, 1.0, 30.0, 1000.0])
+def test_a_paced_run_is_between_steps_twenty_times_a_second_at_least(speed: float) -> None:
+    assert 0 < Pace(speed).step_ns / speed <= NS_PER_S / 20

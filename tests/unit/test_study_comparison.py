@@ -9,7 +9,7 @@ import numpy as np
 
 from skyrange.study.palette import shades
 from skyrange.study.receptions import Hearing, hearings, receptions_of, who_heard_whom
-from skyrange.study.report import chain, effecttable, hearing
+from skyrange.study.report import believing, chain, effecttable, hearing
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.spread import Interval
 from skyrange.study.subject import Subject
@@ -51,6 +51,43 @@ def test_whose_identity_is_forged_is_on_the_map() -> None:
     assert plain.count('class="home') == 1
     assert drawn.count('class="home') == 2
     assert "a/2&lt;b&gt;" in drawn
+
+
+def test_what_a_deceived_aircraft_believes_is_on_the_map() -> None:
+    plain = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {}).svg
+    drawn = draw_twin_plan(SUBJECT, TRACKS, TWINS, ["a/1"], {}, believed={"a/2<b>": track((0, 10, 0), (90, 10, 0))}).svg
+    assert "where it believes to be" not in plain
+    assert "a/2&lt;b&gt;: where it believes to be" in drawn
+
+
+def deceived_run(path: Path) -> SampleRun:
+    """One whose first aircraft's GNSS lies: what its estimator said of it."""
+    manifest = {"origin": {}, "vehicles": [{"id": vehicle.id, "operator": "a"} for vehicle in FLEET]}
+    label = {"at_ns": 5 * S, "attack": "x", "actor": "x.gnss", "action": "sensor", "frame": "gnss:a/1|fwd|x.gnss|0"}
+    said = [
+        (6.4, "event.glitch", "a/1", '{"on": true}'),
+        (6.5, "event.glitch", "a/2<b>", '{"on": true}'),
+        (15.2, "event.estimator", "a/1", '{"reset": "position", "east_m": 30.0}'),
+        (16.0, "event.mode", "a/1", '{"mode": "LAND", "reason": "ekf_failsafe"}'),
+        (17.0, "event.mode", "a/1", '{"mode": "RTL", "reason": "gcs_command"}'),
+    ]
+    events = [
+        {"time_ns": round(at * S), "kind": kind, "about": about, "source": "autopilot", "data": data, "causes": []}
+        for at, kind, about, data in said
+    ]
+    return SampleRun(path, manifest, CITY, {"labels": [label], "events": events})
+
+
+def test_what_estimators_noted_of_false_sensors_is_told(tmp_path: Path) -> None:
+    run = deceived_run(tmp_path)
+    section = believing.belief((run, run), (TRACKS, TWINS), SUBJECT, [(5.0, 9.0, "x")], 12)
+    cells = [re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", section)]
+    assert cells[1::4] == ["glitch", "estimator", "mode"]
+    assert cells[0::4] == ["a/1"] * 3, "the other one's sensors were not touched"
+    assert "reset position east_m 30" in cells[6]
+    assert "did not ask for EKF_STATUS_REPORT" in section
+    quiet = SampleRun(tmp_path, run.manifest, CITY, {})
+    assert believing.belief((quiet, quiet), (TRACKS, TWINS), SUBJECT, [], 12) == ""
 
 
 def test_places_that_are_one_share_a_ring_and_a_swarm_goes_without_names() -> None:

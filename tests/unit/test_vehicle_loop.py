@@ -38,13 +38,13 @@ class Rows:
 
 
 def mixed(throttle: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Thrust shares of front right, rear left, front left, rear right: commands put through the thrust curve."""
+    """Thrust shares of front right, rear left, front left, rear right: `Thrust_Linearization::actuator_to_thrust`."""
     table = zeros(GAINS, 1)
     settings = np.zeros(1, SETTINGS)
     fill(settings, 0, "v", IRIS, 1, {})
     gains.mixing(table, 0, IRIS)
     gains.tune(table[0], settings[0], DT)
-    out = np.array(attitude.mix(table[0], throttle, throttle, roll, pitch, yaw)[1:])
+    out = (np.array(attitude.mix(table[0], throttle, throttle, roll, pitch, yaw)[1:]) - 0.15) / (0.95 - 0.15)
     expo = IRIS.thrust_expo
     share: np.ndarray = (1 - expo) * out + expo * out**2
     return share
@@ -74,7 +74,9 @@ def test_off_and_idle_motors() -> None:
     assert rows.out.max() == 0.0
     rows.flight["control"] = Control.IDLE
     rows.flight["landed"] = 1
-    rows.turn(DT)
+    rows.turn(0.1)
+    assert rows.out == pytest.approx(0.15 * 0.1 / 0.5)  # of MOT_SPIN_MIN, in MOT_SPOOL_TIME (output_logic)
+    rows.turn(0.4)
     assert rows.out == pytest.approx(0.1)  # MOT_SPIN_ARM
 
 

@@ -87,9 +87,13 @@ def run(
     ] = None,
     seed: Annotated[int | None, typer.Option(metavar="N", help="Chance of the run, over the scenario's.")] = None,
     speed: Annotated[
-        float,
-        typer.Option(metavar="X", min=0.0, help="Simulated seconds per wall second; 0 is as fast as it goes."),
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            metavar="X",
+            min=0.0,
+            help="Simulated seconds per wall second; 0 is as fast as it goes. Default: 0, and 1 with --qgc.",
+        ),
+    ] = None,
     buildings: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
@@ -100,10 +104,26 @@ def run(
             "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
         ),
     ] = None,
+    qgc: Annotated[
+        bool,
+        typer.Option(
+            "--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."
+        ),
+    ] = False,
+    viewer_port: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            max=65_535,
+            help="The first of those ports, each next aircraft's is 10 higher; 0 takes any. Implies --qgc. "
+            "Default: 5763.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario and leave a run folder with a report."""
-    commands.run(scenario, out, seed, speed, buildings, changes or [], as_json)
+    commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")

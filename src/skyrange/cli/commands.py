@@ -31,13 +31,16 @@ def run(
     name: str,
     out: Path | None,
     seed: int | None,
-    speed: float,
+    speed: float | None,
     buildings: Path | None,
     changes: Sequence[str],
+    qgc: bool,
+    viewer_port: int | None,
     as_json: bool,
 ) -> None:
     """`skyrange run`."""
     from skyrange.cli.progress import progress
+    from skyrange.cli.viewing import watchable
     from skyrange.core.compiled import compiled_before
     from skyrange.scenario.catalogue import load
     from skyrange.study.session import fly
@@ -47,9 +50,12 @@ def run(
     shortfall: ShortfallError | None = None
     if not as_json and not compiled_before():
         print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
-    with progress(scenario.name, quiet=as_json) as on_progress:
+    watched = qgc or viewer_port is not None
+    if speed is None:
+        speed = 1.0 if watched else 0.0
+    with watchable(scenario, watched, viewer_port) as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
-            record = fly(scenario, out, speed=speed, on_progress=on_progress)
+            record = fly(scenario, out, speed=speed, viewers=viewers, on_progress=on_progress)
         except ShortfallError as error:
             from skyrange.record import load as load_run
 

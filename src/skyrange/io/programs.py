@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import math
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -22,6 +23,19 @@ OUTPUT = "output.txt"
 """What a program says, both streams, in its folder."""
 _PR_SET_PDEATHSIG = 1
 _TAIL_BYTES = 4096
+_FILES_BESIDE = 256
+"""Files that everything else may open later."""
+
+
+def make_room(files: int, who: str) -> None:
+    """See to it that so many more files and sockets can be open; `ComponentError` where the system forbids it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = len(os.listdir("/dev/fd")) + files + _FILES_BESIDE
+    if soft == resource.RLIM_INFINITY or soft >= needed:
+        return
+    if hard != resource.RLIM_INFINITY and hard < needed:
+        raise ComponentError(who, f"needs {needed} open files, and {hard} are allowed", f"Try `ulimit -n {needed}`")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
 
 
 def _prctl() -> ctypes.CDLL | None:

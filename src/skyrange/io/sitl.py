@@ -13,6 +13,8 @@ wrote to its serial ports in the step is there before the packet, since it write
 from __future__ import annotations
 
 import contextlib
+import itertools
+import os
 import select
 import socket
 import struct
@@ -20,10 +22,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.io.programs import Program
 
 LOOPBACK = "127.0.0.1"
+_APART = range(20_000, 30_000)
+FILES = 6
+"""Sockets of one process on our side."""
 _HEAD = 8
 _SIZES = {(18458).to_bytes(2, "little"): 40, (29569).to_bytes(2, "little"): 72}
 """Sizes by magic number: rate and count, then 16 or 32 pulse widths (SIM_JSON.h, `servo_packet_16` and `_32`)."""
@@ -68,7 +73,7 @@ class Sitl:
             listener.setblocking(False)
         self.serial: list[socket.socket | None] = [None, None]
         self._peer: tuple[str, int] | None = None
-        self._sticks = _bound(socket.SOCK_DGRAM, shared=True)
+        self._sticks = _apart()
         port, sticks = self._physics.getsockname()[1], self._sticks.getsockname()[1]
         paths = [f"tcpclient:{LOOPBACK}:{listener.getsockname()[1]}" for listener in self._listeners]
         self.program = Program(
@@ -81,6 +86,11 @@ class Sitl:
             ],
             folder,
         )  # fmt: skip
+
+    @property
+    def port(self) -> int:
+        """The port that it speaks from, 0 before it has spoken."""
+        return self._peer[1] if self._peer is not None else 0
 
     def send(self, line: bytes) -> None:
         """Let it compute a step; it has answered before."""
@@ -206,9 +216,45 @@ def wall_s() -> float:
     return monotonic()
 
 
-def _bound(kind: socket.SocketKind, shared: bool = False) -> socket.socket:
+def check_free(ports: Sequence[int], where: str) -> None:
+    """Refuse ports that a process could not listen at, on all interfaces; `where` is who asks for them."""
+    faults = []
+    for port in ports:
+        # below, SITL counts from its first port (UARTDriver.cpp `_tcp_start_connection`)
+        if not 1024 <= port <= 65_535:
+            faults.append(Fault(where, f"port {port}", "ports from 1024 to 65535, for all of them"))
+            continue
+        try:
+            with socket.socket() as tried:
+                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as it does itself
+                tried.bind(("", port))
+                tried.listen()
+        except OSError as error:
+            faults.append(Fault(where, f"port {port}: {error.strerror}", "one that is free"))
+    if faults:
+        raise InputError("ardupilot", faults)
+
+
+def _bound(kind: socket.SocketKind) -> socket.socket:
     made = socket.socket(socket.AF_INET, kind)
-    if shared:
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     made.bind((LOOPBACK, 0))
     return made
+
+
+def _apart() -> socket.socket:
+    """A shared UDP port outside the range from which the system gives ports to those that ask for any.
+
+    ArduPilot's physics socket asks for any, and says that it shares: it may be given a port that another has shared.
+    """
+    for port in itertools.chain(range(_APART.start + os.getpid() % len(_APART), _APART.stop), _APART):
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            made.bind((LOOPBACK, port))  # alone first: so nobody has it, shared or not
+            made.close()
+            made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            made.bind((LOOPBACK, port))
+            return made
+        except OSError:
+            made.close()
+    raise ComponentError("arducopter", f"no UDP port from {_APART.start} to {_APART.stop - 1} is free", "Free some")

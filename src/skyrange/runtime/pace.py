@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from skyrange.core.errors import InputError
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, to_seconds
+from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time, to_seconds
 
 
 class Pace:
@@ -40,7 +40,7 @@ class Pace:
         """How far to advance the kernel before the next `wait`."""
         if self._speed <= 0.0:
             return self.FREE_STEP_NS
-        return min(max(int(self.PACED_STEP_NS * self._speed), NS_PER_MS), NS_PER_S)
+        return min(max(int(self.PACED_STEP_NS * self._speed), NS_PER_US), NS_PER_S)
 
     def wait(self, now: Time) -> None:
         """Wait until the wall clock has reached what `now` should be at."""

@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -50,14 +51,17 @@ class Run:
         taps: Sequence[TapPlacement] = (),
         attacks: Sequence[AttackPlan] = (),
         observers: Sequence[Observer] = (),
+        fuse: bool = True,
     ) -> Run:
         """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
         Without `out` it is the first of `runs/NAME`, `runs/NAME-2` … that is free, whoever else starts a run there.
         `taps` and `attacks` act on its links; `observers` see everything beside the recorder.
+        What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
+        record is the same.
         """
         rig = wire(scenario, taps=taps, attacks=attacks)
-        kernel = Kernel(rig.wiring)
+        kernel = Kernel(replace(rig.wiring, fuse=fuse))
         record = scenario.record
         while True:
             folder = out if out is not None else free_folder(scenario.name)

@@ -17,6 +17,7 @@ SHIPPED: dict[str, str] = {
     "city-fleet": "48 aircraft of four operators deliver over a dense downtown, one after another; 500 with --set.",
     "crossing": "Eight aircraft of four operators cross at a street corner, kept apart by height and by time.",
     "head-on": "Two aircraft of two operators fly the same line towards each other, and collide.",
+    "gnss-drift": "False GNSS slides away from the truth, and an aircraft follows it out of its street.",
     "rid-city": "40 aircraft of four operators hear each other over a downtown, and a swarm that is not there.",
     "rid-spoofing": "A forged Remote ID stands in a passage between buildings, and an aircraft believes it.",
     "wind": "Six aircraft of three airframes hold their tracks in a gusty wind.",

@@ -98,6 +98,11 @@ class Track:
         count = int(np.searchsorted(self.time_ns, time_ns, side="right"))
         return Track(self.time_ns[:count], self.enu_m[:count], self.speed_mps[:count])
 
+    def since(self, time_ns: int) -> Track:
+        """The samples not before `time_ns`."""
+        count = int(np.searchsorted(self.time_ns, time_ns, side="left"))
+        return Track(self.time_ns[count:], self.enu_m[count:], self.speed_mps[count:])
+
     def at(self, time_ns: Ints) -> Floats:
         """(m, 3) positions at `time_ns` (m,), linear between samples, held before the first and after the last."""
         return np.stack([np.interp(time_ns, self.time_ns, self.enu_m[:, axis]) for axis in range(3)], axis=1)

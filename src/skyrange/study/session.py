@@ -7,9 +7,11 @@ from pathlib import Path
 
 from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.core.errors import ShortfallError
+from skyrange.core.time import Time
 from skyrange.record import RunRecord, load
 from skyrange.runtime.pace import Pace
 from skyrange.runtime.run import OnProgress, Run
+from skyrange.runtime.viewers import Viewers
 from skyrange.scenario.catalogue import load as load_scenario
 from skyrange.scenario.schema import Scenario
 
@@ -21,16 +23,21 @@ def fly(
     speed: float = 0.0,
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     report: bool = True,
 ) -> RunRecord:
     """Run `scenario` into the folder `out`, or the first free one of `runs/NAME`, and write its report.
 
-    `taps` and `attacks` are placed on its links. Errors as `Run.execute`; after a `ShortfallError`
-    (Ctrl-C) the report is there as well.
+    `taps` and `attacks` are placed on its links. `viewers` are served between steps; closing them is the caller's.
+    Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
     """
     Pace(speed)  # refuses what is no speed before there is a folder
-    run = Run.start(scenario, out, taps=taps, attacks=attacks)
+    if viewers is None:
+        run = Run.start(scenario, out, taps=taps, attacks=attacks)
+    else:
+        run = Run.start(scenario, out, taps=taps, attacks=attacks, observers=[viewers], fuse=False)
+        on_progress = _serving(viewers, on_progress)
     folder = run.recorder.path
     try:
         run.execute(speed=speed, on_progress=on_progress)
@@ -39,6 +46,15 @@ def fly(
             _report(folder)
         raise
     return _report(folder) if report else load(folder)
+
+
+def _serving(viewers: Viewers, on_progress: OnProgress | None) -> OnProgress:
+    def between(now: Time, end: Time) -> None:
+        viewers.serve()
+        if on_progress is not None:
+            on_progress(now, end)
+
+    return between
 
 
 def _report(folder: Path) -> RunRecord:
@@ -59,6 +75,7 @@ def run(
     changes: Sequence[str] = (),
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
 ) -> RunRecord:
     """Fly a scenario and return its record; the Python spelling of `skyrange run`.
@@ -66,7 +83,8 @@ def run(
     `scenario` is a `Scenario`, a shipped scenario's name, or a TOML file. `out` defaults to the first
     free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
     `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps` and `attacks`
-    are placed on its links by name or pattern.
+    are placed on its links by name or pattern. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best
+    at `speed` 1.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -74,4 +92,4 @@ def run(
     else:
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
     folder = Path(out) if out is not None else None
-    return fly(scenario, folder, speed=speed, taps=taps, attacks=attacks, on_progress=on_progress)
+    return fly(scenario, folder, speed=speed, taps=taps, attacks=attacks, viewers=viewers, on_progress=on_progress)

@@ -36,17 +36,19 @@ def draw_twin_plan(
     places: Mapping[str, Place],
     marks: Sequence[Mark] = (),
     forged: Mapping[str, tuple[Place, Place]] | None = None,
+    believed: Mapping[str, Track] | None = None,
     width: float = 760.0,
 ) -> Figure:
     """Both true paths from above: solid as attacked, dashed in the twin.
 
     The map shows the aircraft of `affected` (all, where there is none) and `places`, the attackers' by name; the
     others' paths are faint. `forged` are aircraft of which something false is claimed: where they are when that
-    begins, and where they are said to be; they are shown too, with a line from the one to the other.
+    begins, and where they are said to be; they are shown too, with a line from the one to the other. `believed` are
+    the paths that deceived aircraft believe to fly.
     """
-    forged = forged or {}
+    forged, believed = forged or {}, believed or {}
     chosen = (set(affected) or {vehicle.id for vehicle in subject.fleet}) | set(forged)
-    paths = [group[name].enu_m for group in (tracks, twins) for name in chosen if name in group]
+    paths = [group[name].enu_m for group in (tracks, twins, believed) for name in chosen if name in group]
     marked = [np.array([place]) for place in [*places.values(), *(true for true, _ in forged.values())]]
     ground = ground_of([*paths, *marked], subject.city, width)
     body = [ground.buildings()]
@@ -61,7 +63,13 @@ def draw_twin_plan(
             weight = "1" if faint else "1.5" if dashed else "2.2"
             body.append(subject.line(vehicle, pixels, "0.3" if faint else "1", weight, dashed=dashed))
     body += [_home(subject, ground, name) for name in sorted(chosen)]
-    body += [_lie(ground, name, *ends) for name, ends in forged.items()]
+    body += [
+        _lie(ground, np.array(ends), f"{name}: where it is, and where it is said to be")
+        for name, ends in forged.items()
+    ]
+    for name, track in believed.items():
+        rows = kept_rows(track.time_ns, track.enu_m[:, :2], 400, 0.1)
+        body.append(_lie(ground, track.enu_m[rows], f"{name}: where it believes to be"))
     body.append(spots(ground, places))
     body += [drawn(mark, *ground.pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
     body.append(ground.legend())
@@ -139,11 +147,10 @@ def _spot(ground: Ground, places: Mapping[str, Place]) -> str:
     )
 
 
-def _lie(ground: Ground, name: str, true: Place, claimed: Place) -> str:
-    """From where an aircraft is to where it is said to be."""
-    (x, y), (to_x, to_y) = ground.pixels(np.array([true, claimed])).tolist()
+def _lie(ground: Ground, enu_m: Floats, said: str) -> str:
+    """A dotted line through (n, 3) places that are not the truth."""
     return (
-        f'<g class="hostile"><path d="M{number(x)} {number(y)}L{number(to_x)} {number(to_y)}" fill="none" '
+        f'<g class="hostile"><path d="{svg.path_data(ground.pixels(enu_m))}" fill="none" '
         f'stroke="#b3261e" stroke-width="1.4" stroke-dasharray="1.5 4" stroke-linecap="round"/>'
-        f"<title>{escape(name)}: where it is, and where it is said to be</title></g>"
+        f"<title>{escape(said)}</title></g>"
     )

@@ -90,6 +90,8 @@ def _step(row: Row, places: Mapping[str, int]) -> str:
     vehicle = row["vehicle"]
     about = words.named(places[vehicle], vehicle) if vehicle in places else words.NONE
     what = escape(str(row["kind"]).removeprefix("decision.").removeprefix("event.").replace("_", " "))
+    if row["kind"] == "sensor" and row["link"]:
+        what = f"alters {escape(row['link'].partition(':')[0])}"
     if row["phase"] == "effect":
         what = f"departs from the twin, by up to {row['departure_m']:.1f} m"
     if row["data"]:

@@ -14,7 +14,7 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
 from skyrange.study.marks import marks
 from skyrange.study.receptions import receptions_of, who_heard_whom
-from skyrange.study.report import chain, effecttable, hearing, words
+from skyrange.study.report import believing, chain, effecttable, hearing, words
 from skyrange.study.report.page import asset, ink_rules, sealed
 from skyrange.study.report.sections import LOGO
 from skyrange.study.series import Happening, Track, happenings, truth_tracks
@@ -78,6 +78,7 @@ def render(pair: Pair) -> str:
         against=f"Of seed {seed}. A near miss is another aircraft nearer than {pair.manifest['near_m']:g} m.",
         effects="".join(_effects(subject, effects, seed, arm) for arm in pair.arms if arm != "attacked"),
         ensemble=_ensemble(pair, subject, effects),
+        belief=believing.belief((attacked, twin), (tracks, twins), subject, spans, MOST_DRAWN),
         hearing=_hearing(attacked, subject, places),
         opening=_SNIPPET.format(path=escape(str(pair.path), quote=True)),
     )
@@ -89,6 +90,7 @@ def plan_of(pair: Pair) -> Figure:
     attacked = pair.run("attacked", seed)
     tracks, events = truth_tracks(attacked), happenings(attacked, "events")
     own = [row for row in pair.effects.to_pylist() if row["seed"] == seed and row["against"] == "nominal"]
+    spans = _spans(events, attacked.duration)
     return draw_twin_plan(
         subject_of(attacked),
         tracks,
@@ -96,7 +98,8 @@ def plan_of(pair: Pair) -> Figure:
         _affected(own),
         _places(attacked),
         marks(events, tracks),
-        _forged(attacked, tracks, _spans(events, attacked.duration)),
+        _forged(attacked, tracks, spans),
+        _believed(attacked, spans),
     )
 
 
@@ -133,6 +136,16 @@ def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) 
             east_m, north_m, up_m = track.at(np.array([from_seconds(begun[attack["id"]])]))[0].tolist()
             found[name] = (east_m, north_m, up_m), tuple(claimed)
     return found
+
+
+def _believed(run: RunRecord, spans: Sequence[Span]) -> dict[str, Track]:
+    """Where deceived aircraft believe to be, from the first attack's start on."""
+    whom = believing.deceived(run)
+    if not whom or not spans:
+        return {}
+    start_ns = from_seconds(min(start for start, _, _ in spans))
+    found = {name: track.since(start_ns) for name, track in believing.beliefs(run, whom).items()}
+    return {name: track for name, track in found.items() if len(track)}
 
 
 def _spans(events: Sequence[Happening], end_s: float) -> list[Span]:

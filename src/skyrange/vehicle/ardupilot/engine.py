@@ -25,7 +25,8 @@ from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.io.sitl import Sitl, Switchboard, wall_s
+from skyrange.io.programs import make_room
+from skyrange.io.sitl import FILES, Sitl, Switchboard, check_free, wall_s
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.binary import find
 from skyrange.vehicle.ardupilot.gnss import Receivers
@@ -39,16 +40,32 @@ QUANTUM_NS: Time = 2_500_000
 """The world's tick; the first exchange tells whether it is."""
 PREROLL_NS: Time = 45 * NS_PER_S
 """Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
+_TRIES = 5
 PRIVATE = 1
 """The serial port that no ground station hears."""
-START_S = 30.0
-"""Wall seconds in which a process has to have come up."""
+START_S = 60.0
+"""Wall seconds in which a process has to have come up, and in which it has to answer while it boots."""
+PORT_STEP = 10
+"""Between the open ports of two processes, as between two instances of SITL."""
+OPEN = 2
+"""The serial port that they are."""
 
 
 class Options(Params):
     """How the ArduPilot processes of a scenario are run."""
 
     keep_logs: bool = Field(default=False, description="Write DataFlash logs, and keep them in the run's folder.")
+    open_port: int = Field(
+        default=0,
+        ge=0,
+        le=65_535,
+        description="A TCP port, on all interfaces, where the first ArduPilot obeys a ground station; each next one's "
+        "is 10 higher. 0: none.",
+    )
+
+    def opened(self, count: int) -> list[int]:
+        """The ports where `count` processes let ground stations in themselves; none unless it is asked for."""
+        return [self.open_port + PORT_STEP * place for place in range(count)] if self.open_port else []
 
 
 @dataclass(slots=True)
@@ -109,6 +126,9 @@ class ArduPilotFleet:
         self.binary = find()
         self._options = options or Options()
         self._listed = parameters_of(self.binary.path, self.binary.sha256)
+        check_free(self._options.opened(len(specs)), "options.ardupilot.open_port")
+        if self._options.open_port:
+            self.repeatable = "outcome"  # who connects, and when, no seed says
         self._specs = tuple(specs)
         self._origin, self._epoch = origin, epoch
         self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])
@@ -134,6 +154,7 @@ class ArduPilotFleet:
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
         """Start all processes at once, then wait until the last of them has spoken."""
+        make_room(FILES * len(self._specs), f"engine {self.name}")
         self._folder = TemporaryDirectory(prefix="skyrange-")
         for row, spec in enumerate(self._specs):
             lag_ms = int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS
@@ -143,25 +164,39 @@ class ArduPilotFleet:
             per_tick, ticks = parameters.steps_of(values, self._listed, QUANTUM_NS / NS_PER_S)
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
             self._instances.append(_Instance(spec, values, per_tick, ticks, packer))
-        for one in self._instances:
-            folder = Path(self._folder.name) / one.spec.vehicle.replace("/", "-")
-            folder.mkdir()
-            east_m, north_m, up_m = one.spec.home_enu_m
-            lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
-            one.sitl = Sitl(
-                f"arducopter of {one.spec.vehicle}",
-                self.binary.path,
-                folder,
-                home=(lat_deg, lon_deg, self._origin.alt_msl_m + up_m, one.spec.heading_deg % 360.0),
-                system_id=one.spec.system_id,
-                start_unix_s=(self._epoch.unix_ns + tick) // NS_PER_S,
-                parameters=parameters.text_of(one.values),
-            )
+        for row, one in enumerate(self._instances):
+            one.sitl = self._launch(row, tick, "")
         deadline = wall_s() + START_S
-        for one in self._instances:
+        taken: set[int] = set()
+        for row, one in enumerate(self._instances):
+            for again in range(_TRIES):
+                assert one.sitl is not None
+                if one.sitl.servos(deadline) is None:
+                    raise one.sitl.lost(f"did not come up within {START_S:g} s")
+                if one.sitl.port not in taken:
+                    break
+                one.sitl.close()  # it shares its port with another, and one of them would not hear us
+                one.sitl = self._launch(row, tick, f"-{again + 2}")
             assert one.sitl is not None
-            if one.sitl.servos(deadline) is None:
-                raise one.sitl.lost(f"did not come up within {START_S:g} s")
+            taken.add(one.sitl.port)
+
+    def _launch(self, row: int, tick: Time, suffix: str) -> Sitl:
+        assert self._folder is not None
+        one, opened = self._instances[row], self._options.opened(len(self._instances))
+        folder = Path(self._folder.name) / (one.spec.vehicle.replace("/", "-") + suffix)
+        folder.mkdir()
+        east_m, north_m, up_m = one.spec.home_enu_m
+        lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
+        return Sitl(
+            f"arducopter of {one.spec.vehicle}",
+            self.binary.path,
+            folder,
+            home=(lat_deg, lon_deg, self._origin.alt_msl_m + up_m, one.spec.heading_deg % 360.0),
+            system_id=one.spec.system_id,
+            start_unix_s=(self._epoch.unix_ns + tick) // NS_PER_S,
+            parameters=parameters.text_of(one.values),
+            options=(f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
+        )
 
     def leaves(self) -> Mapping[str, Path]:
         """The DataFlash logs to be kept, by their names in the run's folder; they are there until `close`."""
@@ -225,7 +260,8 @@ class ArduPilotFleet:
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
-        deadline = wall_s() + wall_deadline_s
+        booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
+        deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
         answers: dict[int, bytes] = {}
         due, turn = self._due, 0

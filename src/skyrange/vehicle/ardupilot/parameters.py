@@ -12,7 +12,7 @@ from typing import Final
 
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.vehicle.builtin.parameter_names import RENAMED, from_nominal, nominal, to_nominal
-from skyrange.vehicle.builtin.parameters import TUNING
+from skyrange.vehicle.builtin.parameters import TUNING, hover_throttle
 from skyrange.world.airframes import Airframe
 
 LOOP_RATE: Final = "SCHED_LOOP_RATE"
@@ -77,7 +77,7 @@ def start_values(
     """What the file of defaults says. Raises `InputError` with every name and value of `given` that is wrong."""
     values: dict[str, float] = {}
     wanted = {**OURS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **TUNING.get(airframe.name, {})}
-    wanted["MOT_THST_HOVER"] = airframe.hover_thrust
+    wanted["MOT_THST_HOVER"] = hover_throttle(airframe)
     wanted["MOT_THST_EXPO"] = airframe.thrust_expo
     for name, value in wanted.items():
         found = resolve(name, value, listed) or resolve(_OLD.get(name, name), value, listed)

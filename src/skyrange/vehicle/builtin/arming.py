@@ -34,6 +34,7 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
     flight = fleet.flight
     if not craft.home_locked:
         fleet.take_home(craft, fleet.position(craft))
+    craft.armed_yaw = float(fleet.estimate["yaw"][craft.row])
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
     fleet.watch["armed_up_m"][row], fleet.watch["crashed"][row] = fleet.estimate["pos"][row, 2], 0
@@ -67,6 +68,7 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
     flight["armed"][row] = 0
     flight["landed"][row] = 1
     flight["control"][row] = Control.OFF
+    flight["spool"][row] = 0.0
     flight["flags"][row] = flight["seen"][row] = 0
     craft.ready = False
     craft.stage = Stage.NONE
@@ -98,7 +100,6 @@ def take_off(fleet: Fleet, craft: Craft, up: float) -> None:
     flight["target_pos"][row, 2] = up
     flight["heading"][row] = Heading.HOLD
     if flight["landed"][row]:
-        flight["spool"][row] = 0.0
         flight["throttle"][row] = 0.0
         loop.rest(flight, row)
         fleet.timer(craft, Timer.IDLE)

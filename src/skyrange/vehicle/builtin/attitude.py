@@ -288,13 +288,18 @@ def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rat
 
 @kernel
 def _command(g: Any, thrust: float) -> float:
-    """The actuator command for a share of full thrust: the inverse of the thrust curve, at least MOT_SPIN_MIN."""
+    """The actuator command for a thrust 0…1: the thrust curve's inverse, from MOT_SPIN_MIN to MOT_SPIN_MAX.
+
+    `Thrust_Linearization::thrust_to_actuator`, without its compensation for the battery's voltage, which is off by
+    default.
+    """
     thrust = clamp(thrust, 0.0, 1.0)
     if g.expo > 1e-6:
         thrust = math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
     elif g.expo < -1e-6:
         thrust = -math.sqrt(g.expo_a + g.expo_b * thrust) - g.expo_c
-    return float(max(thrust, g.spin_min))
+    command: float = g.spin_min + g.spin_range * thrust
+    return command
 
 
 @kernel

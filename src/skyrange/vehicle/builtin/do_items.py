@@ -70,6 +70,7 @@ def done(fleet: Fleet, craft: Craft, seq: int) -> None:
     """Report one item, unless it is for a device that is not fitted."""
     command = craft.mission[seq].command
     if command not in FITTINGS or command in TOLD:
+        craft.untold = 0
         fleet.send(craft, dialect.MAVLink_mission_item_reached_message(seq))
 
 

@@ -263,8 +263,6 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
         navigator.on_flag(fleet, craft, flag)
     elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:
         returning.arrived(fleet, craft)
-    elif craft.mode == Mode.GUIDED and flag is Flag.CLIMBED:
-        targets.taken_off(fleet, craft)
 
 
 def _on_hold(fleet: Fleet, craft: Craft) -> None:

@@ -9,20 +9,38 @@ from skyrange.vehicle.builtin.fleet import Craft, Fleet
 from skyrange.vehicle.builtin.layout import Heading
 
 _RATE_MAX_RADPS = 20.0  # beyond any ATC_SLEW_YAW: keeps an absurd request finite
+_TURNED_RAD = math.radians(2.0)
 
 Vector = tuple[float, float, float]
 
 
 def default(fleet: Fleet, craft: Craft, returning: bool = False) -> None:
     """As WP_YAW_BEHAVIOR says (`set_mode_to_default`)."""
+    set_kind(fleet, craft, _default(fleet, craft, returning))
+
+
+def _default(fleet: Fleet, craft: Craft, returning: bool) -> Heading:
     behaviour = int(fleet.param(craft, "WP_YAW_BEHAVIOR"))
     if behaviour == 0 or (behaviour == 2 and returning):
-        kind = Heading.HOLD
-    elif behaviour == 3:
-        kind = Heading.AHEAD
-    else:
-        kind = Heading.NEXT
-    set_kind(fleet, craft, kind)
+        return Heading.HOLD
+    return Heading.AHEAD if behaviour == 3 else Heading.NEXT
+
+
+def as_armed(fleet: Fleet, craft: Craft) -> None:
+    """Above home: as it stood when it was armed, unless WP_YAW_BEHAVIOR turns no nose (RTL's `loiterathome_start`)."""
+    if _default(fleet, craft, True) == Heading.HOLD:
+        set_kind(fleet, craft, Heading.HOLD)
+        return
+    row, flight = craft.row, fleet.flight
+    flight["heading"][row] = Heading.ANGLE_RATE
+    flight["target_yaw"][row] = craft.armed_yaw
+    flight["target_yaw_rate"][row] = 0.0
+
+
+def is_as_armed(fleet: Fleet, craft: Craft) -> bool:
+    """Whether that turn is done, to 2°, or none was asked for (`loiterathome_run`)."""
+    off = math.remainder(float(fleet.estimate["yaw"][craft.row]) - craft.armed_yaw, 2.0 * math.pi)
+    return kind(fleet, craft) != Heading.ANGLE_RATE or abs(off) <= _TURNED_RAD
 
 
 def set_kind(fleet: Fleet, craft: Craft, kind: Heading) -> None:

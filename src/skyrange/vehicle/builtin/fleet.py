@@ -175,6 +175,10 @@ class Craft:
     """Why its Remote ID transmitter says that it may not be armed."""
     home_locked: bool = False
     """Home was set by command: arming does not move it."""
+    armed_yaw: float = 0.0
+    """Where the nose pointed when it was armed, rad from east to north."""
+    untold: int = 0
+    """The navigation item that is reached and not told yet."""
     erased: bool = False
     """Its parameters were erased, which the next boot shows."""
     unsaved: dict[int, float] = field(default_factory=dict)

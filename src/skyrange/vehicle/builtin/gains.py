@@ -93,6 +93,7 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
     g.accel_imax = max(0.001 * p.PSC_ACCZ_IMAX, p.MOT_THST_HOVER)
     g.hover = p.MOT_THST_HOVER
     g.spin_min = p.MOT_SPIN_MIN
+    g.spin_range = p.MOT_SPIN_MAX - p.MOT_SPIN_MIN
     g.expo = p.MOT_THST_EXPO
     if abs(g.expo) > 1e-6:
         g.expo_c = 0.5 * (1.0 - g.expo) / g.expo

@@ -48,7 +48,10 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
         if square > least * least and square > 0.0:
             f.target_yaw = math.atan2(vel_n, vel_e)
             return False, f.target_yaw, (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
-        return True, 0.0, 0.0  # the attitude target's own yaw: no turn
+        # too slow: the yaw of the attitude target. Leaning aside that is not the heading it is made from, so it turns
+        # on until it is, as in ArduCopter
+        f.target_yaw = yaw_of(f.att[0], f.att[1], f.att[2], f.att[3])
+        return False, f.target_yaw, 0.0
     if kind == _ROI:
         f.target_yaw = _towards(f, e, f.roi[0], f.roi[1])
     elif kind == _FIXED:

@@ -107,7 +107,7 @@ FLIGHT: Final = np.dtype(
         ("control", "i8"),  # a Control
         ("landed", "i8"),
         ("flags", "i8"),  # Flags raised by the loop
-        ("spool", "f8"),  # 0 ground idle … 1 full range
+        ("spool", "f8"),  # motors, 0 standing … 1 spun up: part of MOT_SPIN_MIN
         ("slow_s", "f8"),  # time since guidance and position control last ran
         ("climb_accel", "f8"),  # m/s², what the vertical loop asks for
         ("accel_err", "f8"),
@@ -242,6 +242,7 @@ class Control(IntEnum):
     IDLE = 1
     """Armed on the ground, motors at spin-arm."""
     TAKEOFF = 2
+    """Up to the height of `target_pos` and staying there, at no place of the map (`_AutoTakeoff::run`)."""
     LEG = 3
     """Along the legs to a waypoint, then holding it."""
     POSITION = 4

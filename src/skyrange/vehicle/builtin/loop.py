@@ -70,14 +70,23 @@ def _spool(e: Any, f: Any, p: Any, out: Any, i: int, dt_s: float) -> bool:
         return True
     f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
     f.throttle = 0.0
-    _idle(f, p, out, i, p.MOT_SPIN_ARM + (p.MOT_SPIN_MIN - p.MOT_SPIN_ARM) * f.spool)
+    _spin(out, i, f.spool * p.MOT_SPIN_MIN)
     return False
 
 
 @kernel
-def _idle(f: Any, p: Any, out: Any, i: int, command: float) -> None:
+def _spin(out: Any, i: int, command: float) -> None:
     for motor in range(out.shape[1]):
         out[i, motor] = command
+
+
+@kernel
+def _idle(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
+    """Towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
+    step = dt_s / p.MOT_SPOOL_TIME
+    armed = min(p.MOT_SPIN_ARM / p.MOT_SPIN_MIN, 1.0) if p.MOT_SPIN_MIN > 0.0 else 0.0
+    f.spool = min(max(armed, f.spool - step), f.spool + step)
+    _spin(out, i, f.spool * p.MOT_SPIN_MIN)
 
 
 @kernel
@@ -122,10 +131,9 @@ def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: floa
     """On the ground in a pilot's mode: motors idle until the throttle is raised."""
     if f.control == _STABILIZE:
         if sticks.throttle_zero(f, dt_s):
-            f.spool = 0.0
             f.throttle = 0.0
             take_reference(e, f)
-            _idle(f, p, out, i, p.MOT_SPIN_ARM)
+            _idle(f, p, out, i, dt_s)
         elif _spool(e, f, p, out, i, dt_s):
             _lift_off(f)
     elif sticks.climb_rate(f, p) > 0.0:
@@ -133,10 +141,9 @@ def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: floa
         _rise(e, f, p, g, out, i, dt_s)
     else:
         sticks.throttle_zero(f, dt_s)
-        f.spool = 0.0
         f.throttle = 0.0
         take_reference(e, f)
-        _idle(f, p, out, i, p.MOT_SPIN_ARM)
+        _idle(f, p, out, i, dt_s)
 
 
 @kernel
@@ -184,7 +191,6 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
         f.landed = 1
         if f.control < _STABILIZE:
             f.control = _IDLE
-        f.spool = 0.0
         f.throttle = 0.0
         f.flags |= _LANDED
 
@@ -261,8 +267,7 @@ def turn(
         g: Any = tuned[which[i]]
         f.slow_s += dt_s
         if control == _IDLE:
-            f.spool = 0.0
-            _idle(f, settings[which[i]], out, i, settings[which[i]].MOT_SPIN_ARM)
+            _idle(f, settings[which[i]], out, i, dt_s)
         elif f.landed == 1:
             if control == _TAKEOFF or (control == _ATTITUDE and f.want_climb > 0.0):
                 _rise(e, f, settings[which[i]], g, out, i, dt_s)
@@ -292,7 +297,7 @@ def turn(
                 f.rate_i[1] = 0.0
                 f.rate_i[2] = 0.0
                 attitude.start(e, f)
-                _idle(f, settings[which[i]], out, i, settings[which[i]].MOT_SPIN_ARM)
+                _spin(out, i, settings[which[i]].MOT_SPIN_ARM)
             else:
                 f.throttle = sticks.throttle(f, settings[which[i]])
                 attitude.advance(f, dt_s)

@@ -175,14 +175,27 @@ def _reached(fleet: Fleet, craft: Craft, slot: Slot) -> None:
         fleet.timer(craft, Timer.HOLD, again)
         return
     craft.reached[seq] = fleet.now
+    _tell(fleet, craft)
     if slot.command != TO_ALT:  # verify_command returns before it says so
-        fleet.send(craft, dialect.MAVLink_mission_item_reached_message(seq))
+        craft.untold = seq
     if slot.command in _TOLD:
         fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Reached command #{seq}")
     fleet.note("event.item_reached", craft, {"seq": seq, "command": slot.command}, slot.causes)
     craft.flown = None
     craft.stage = Stage.NONE
     _advance(fleet, craft, seq + 1)
+    _tell(fleet, craft)
+
+
+def _tell(fleet: Fleet, craft: Craft) -> None:
+    """Report what was reached, unless a DO item done in the same turn took its place.
+
+    ArduPilot keeps one number until it is sent (`GCS::send_mission_item_reached_message`), and `AP_Mission::update`
+    finishes the first DO item behind a navigation item in the turn that ends that.
+    """
+    if craft.untold:
+        fleet.send(craft, dialect.MAVLink_mission_item_reached_message(craft.untold))
+        craft.untold = 0
 
 
 def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
@@ -232,6 +245,7 @@ def _go_on(fleet: Fleet, craft: Craft, first: int) -> None:
         do_items.run(fleet, craft, first)
     else:
         do_items.done(fleet, craft, first)
+        _tell(fleet, craft)
         do_items.run(fleet, craft, first + 1)
 
 

@@ -222,7 +222,8 @@ PARAMETERS: Final = tuple(
             Parameter("LOIT_SPEED", 1250, 20, 3500, "greatest speed in LOITER, cm/s"),
             Parameter("MIS_RESTART", 0, 0, 1, "AUTO resumes the mission (0) or restarts it (1)", _INT8),
             Parameter("MOT_SPIN_ARM", 0.10, 0, 1, "command when armed on the ground"),
-            Parameter("MOT_SPIN_MIN", 0.15, 0, 1, "least command in flight"),
+            Parameter("MOT_SPIN_MAX", 0.95, 0.5, 1, "command at full thrust"),
+            Parameter("MOT_SPIN_MIN", 0.15, 0, 0.3, "command at no thrust, in flight"),
             Parameter("MOT_SPOOL_TIME", 0.5, 0.05, 2, "from ground idle to full range, s"),
             Parameter("MOT_THST_EXPO", 0.65, -1, 1, "curve from command to thrust that is inverted"),
             Parameter("MOT_THST_HOVER", 0.35, 0.125, 0.6875, "thrust that hovers, of 1"),
@@ -319,6 +320,17 @@ def stored(parameter: Parameter, value: float) -> float:
 _MOST = float(np.finfo(np.float32).max)
 
 
+def hover_throttle(airframe: Airframe) -> float:
+    """MOT_THST_HOVER: what to ask for so that the command carries the weight, at the battery's rated voltage.
+
+    It is less than the share of full thrust, for no thrust is MOT_SPIN_MIN and full thrust MOT_SPIN_MAX
+    (`Thrust_Linearization::actuator_to_thrust`, with the defaults).
+    """
+    low, high = (PARAMETERS[INDEX[name]].default for name in ("MOT_SPIN_MIN", "MOT_SPIN_MAX"))
+    part = (airframe.hover_command - low) / (high - low)
+    return (1.0 - airframe.thrust_expo) * part + airframe.thrust_expo * part * part
+
+
 def held(parameter: Parameter, value: float) -> float:
     """The value that acts: inside the range."""
     return min(max(value, parameter.low), parameter.high)
@@ -331,7 +343,7 @@ def start_values(who: str, airframe: Airframe, system_id: int, given: Mapping[st
     """
     values = {parameter.name: parameter.default for parameter in PARAMETERS}
     values.update(TUNING.get(airframe.name, {}))
-    values["MOT_THST_HOVER"] = airframe.hover_thrust
+    values["MOT_THST_HOVER"] = hover_throttle(airframe)
     values["MOT_THST_EXPO"] = airframe.thrust_expo
     values["SYSID_THISMAV"] = system_id
     faults = []

@@ -15,6 +15,7 @@ from skyrange.vehicle.builtin.fleet import Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
 
 _ALT_MIN_M = 0.3  # config.h RTL_ALT_MIN
+_LOOK_NS = 20 * NS_PER_MS
 _CONE_MIN = 0.5  # config.h RTL_MIN_CONE_SLOPE
 
 
@@ -26,9 +27,13 @@ def start(fleet: Fleet, craft: Craft) -> None:
     if speed > 0.0:
         fleet.flight["speed_xy"][craft.row] = speed
     craft.stage = Stage.CLIMB
-    facing.default(fleet, craft, returning=True)
+    facing.set_kind(fleet, craft, Heading.HOLD)
     east, north, up = wpnav.rest_at(fleet.estimate, fleet.flight, fleet.settings, craft.row)
-    _leg(fleet, craft, (east, north, _height(fleet, craft, east, north, up)), True)
+    height = _height(fleet, craft, east, north, up)
+    _leg(fleet, craft, (east, north, height), True)
+    # it turns home before the climb has come to a stop (climb_start)
+    home = places.array((craft.return_to[0], craft.return_to[1], height))
+    wpnav.fly_on_to(fleet.flight, fleet.legs, fleet.settings, craft.row, home)
 
 
 def _leg(fleet: Fleet, craft: Craft, goal: tuple[float, float, float], anew: bool) -> None:
@@ -57,11 +62,15 @@ def arrived(fleet: Fleet, craft: Craft) -> None:
         _leg(fleet, craft, (craft.return_to[0], craft.return_to[1], up), False)
     elif craft.stage == Stage.RETURN:
         craft.stage = Stage.LOITER
+        facing.as_armed(fleet, craft)
         fleet.timer(craft, Timer.HOLD, fleet.now + int(fleet.param(craft, "RTL_LOIT_TIME")) * NS_PER_MS)
 
 
 def waited(fleet: Fleet, craft: Craft) -> None:
-    """The wait above home is over: land, or descend to RTL_ALT_FINAL and stay."""
+    """The wait above home is over, and the nose is where it was: land, or descend to RTL_ALT_FINAL and stay."""
+    if not facing.is_as_armed(fleet, craft):
+        fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+        return
     final = fleet.param(craft, "RTL_ALT_FINAL") * 0.01
     facing.set_kind(fleet, craft, Heading.HOLD)
     if final <= 0.0:

@@ -27,6 +27,7 @@ from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
 from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE, NEEDS_POSITION
 from skyrange.vehicle.builtin.modes import PILOTED, Mode, known
+from skyrange.vehicle.builtin.telemetry.table import message
 
 _BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z
 _BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
@@ -142,6 +143,7 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     fleet.timer(craft, Timer.HOLD)
     fleet.timer(craft, Timer.STALE)
     fleet.note("event.mode", craft, {"mode": mode.name, "number": int(mode), "reason": str(reason)}, causes)
+    fleet.send(craft, message(fleet, craft, dialect.MAVLINK_MSG_ID_HEARTBEAT), causes)  # at once (Copter::set_mode)
     fence.mode_changed(fleet, craft)
     if armed and not fleet.landed(craft):
         fleet.flight["blind"][craft.row] = 0

@@ -201,13 +201,6 @@ def halt(fleet: Fleet, craft: Craft) -> None:
     fleet.fly(craft, Control.VELOCITY)
 
 
-def taken_off(fleet: Fleet, craft: Craft) -> None:
-    """The height of a take-off in GUIDED is reached: stay there."""
-    flight, row = fleet.flight, craft.row
-    flight["target_pos"][row, :2] = flight["ref_pos"][row, :2]
-    fleet.fly(craft, Control.POSITION)
-
-
 def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
     """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the fastest)."""
     if craft.mode != Mode.GUIDED:
@@ -235,7 +228,6 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
         fleet.limits(craft)
         if fleet.landed(craft):
             craft.ready = True
-            flight["spool"][row] = 0.0
             flight["throttle"][row] = 0.0
             loop.rest(flight, row)
             fleet.timer(craft, Timer.IDLE)

@@ -17,7 +17,7 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin.fleet import Fleet, MissionState
-from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.layout import Control, Flag
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import INDEX
 from skyrange.vehicle.builtin.telemetry import columns
@@ -267,7 +267,8 @@ def has_fence(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 def extended_sys_state(fleet: Fleet, rows: Ints, out: Table) -> None:
     """EXTENDED_SYS_STATE."""
     control = fleet.flight["control"][rows]
-    state = _LANDED_STATE[control]
+    climbed = (control == Control.TAKEOFF) & (fleet.flight["flags"][rows] & Flag.CLIMBED != 0)  # is_taking_off
+    state = np.where(climbed, dialect.MAV_LANDED_STATE_IN_AIR, _LANDED_STATE[control])
     out["landed_state"] = np.where(fleet.flight["landed"][rows] == 1, dialect.MAV_LANDED_STATE_ON_GROUND, state)
 
 

@@ -1,0 +1,129 @@
+"""How are the fixes of a GNSS receiver falsified? A fault between the receivers and their autopilots, and its tracks.
+
+What a spoofer changes is what the receiver computes, so that is where the lie is told: position and velocity of each
+fix. Time, kind, satellites and claimed accuracy stay the receiver's own, and no other sensor is touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from skyrange.agent.contracts import Floats, SensorAct, Sensors
+from skyrange.agent.links import Schedule
+from skyrange.agent.settings import Enu, items, refuse
+from skyrange.attack.contract import Attack, Setting
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.time import NS_PER_S, Time
+
+_FIX_2D = 2  # MAVLink GPS_FIX_TYPE: from here on there is a position
+
+
+def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(names)) < len(names):
+        raise refuse(Fault("", repr(list(names)), "each aircraft once"))
+    return names
+
+
+Victims = Annotated[
+    tuple[str, ...],
+    BeforeValidator(items, json_schema_input_type=list[str]),
+    AfterValidator(_each_once),
+    Field(min_length=1),
+]
+"""Vehicle ids, one or more, each once."""
+
+
+def within(least: float, most: float, what: str) -> AfterValidator:
+    """A validator of `Enu`: each component from `least` to `most`."""
+
+    def check(vector: Any) -> Any:
+        if not all(least <= component <= most for component in vector):
+            raise refuse(Fault("", repr(list(vector)), f"{what} from {least:g} to {most:g} each"))
+        return vector
+
+    return AfterValidator(check)
+
+
+Offset = Annotated[Enu, within(-100_000.0, 100_000.0, "metres")]
+"""Metres east, north and up, each at most 100 km."""
+Rate = Annotated[Enu, within(-500.0, 500.0, "m/s")]
+"""Metres per second east, north and up, each at most what EKF3 takes for a velocity (500 m/s)."""
+
+
+class Track(Protocol):
+    """How far from the truth the fixes are. Immutable."""
+
+    def at(self, seconds: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
+        """Since the start of the attack, (n,): offsets (n, 3) m, what is added to velocities (n, 3) m/s, phases (n,).
+
+        A phase is a small number: where it changes, the kind of alteration does, and an act is labelled.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Sham:
+    """A track's phases, with nothing moved."""
+
+    track: Track
+
+    def at(self, seconds: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
+        """See `Track`."""
+        offsets, velocities, phases = self.track.at(seconds)
+        return np.zeros_like(offsets), np.zeros_like(velocities), phases
+
+
+@dataclass(slots=True)
+class FalseFixes:
+    """A fault that moves the fixes of its vehicles along a track.
+
+    A fix is moved by what the track says of the moment at which it was *measured*: a fix that is repeated repeats the
+    same lie, and one that was measured before the attack began stays true. As the track counts from the schedule's
+    start, nothing is carried over from tick to tick but which phases have been reported.
+    """
+
+    name: str
+    vehicles: Sequence[str]
+    track: Track
+    schedule: Schedule
+    _phases: list[int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._phases = [-1] * len(self.vehicles)
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+        """Move the fixes; an act where a vehicle's alteration begins or enters another phase."""
+        start = self.schedule.start_ns
+        if start > now:
+            return []
+        rows = np.flatnonzero((sensors.gnss_time_ns >= start) & (sensors.gnss_fix >= _FIX_2D))
+        if not len(rows):
+            return []
+        offsets, velocities, phases = self.track.at((sensors.gnss_time_ns[rows] - start) / NS_PER_S)
+        sensors.gnss_enu_m[rows] += offsets
+        sensors.gnss_vel_enu_mps[rows] += velocities
+        acts = []
+        for row, phase in zip(rows.tolist(), phases.tolist(), strict=True):
+            if self._phases[row] != phase:
+                self._phases[row] = phase
+                acts.append(SensorAct(self.vehicles[row], "gnss"))
+        return acts
+
+
+def falsify(vehicles: Sequence[str], track: Track, setting: Setting) -> Attack:
+    """The attack on these vehicles' receivers, or its sham. Raises `InputError` for one that is not in the scenario."""
+    strangers = [
+        Fault(f"vehicles.{place}", vehicle, "a vehicle of the scenario", nearest(vehicle, setting.vehicles))
+        for place, vehicle in enumerate(vehicles)
+        if vehicle not in setting.vehicles
+    ]
+    if strangers:
+        raise InputError(setting.id, strangers)
+    told = Sham(track) if setting.sham else track
+    return Attack(faults=[FalseFixes(f"{setting.id}.gnss", vehicles, told, setting.schedule)])

@@ -1,0 +1,105 @@
+"""gnss-drift: truth goes astray while belief, and what is broadcast of it, stays on the line; twins and page."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyrange.codec import rid_link
+from skyrange.codec.f3411 import Location, MessagePack, decode
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_S
+from skyrange.record import RunRecord
+from skyrange.scenario.catalogue import load
+from skyrange.study.pairing import Pair, pair
+from skyrange.study.report import believing
+from skyrange.study.series import Track, belief_tracks, truth_tracks
+
+ME = "blue/b1"
+ONSET_NS = 25 * NS_PER_S
+BEFORE_THE_WALL_NS = 60 * NS_PER_S
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Pair:
+    folder = tmp_path_factory.mktemp("gnss") / "pair"
+    return pair(load("gnss-drift", ["duration_s=75"]), folder, sham=True)
+
+
+def rows(run: RunRecord, table: str) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = run.table(table).to_pylist()
+    return found
+
+
+def east_m(track: Track, time_ns: int) -> float:
+    return float(track.at(np.array([time_ns]))[0, 0])
+
+
+def test_twins_are_the_same_to_the_byte_until_the_onset_and_the_sham_throughout(made: Pair) -> None:
+    attacked, nominal, sham = (made.run(arm) for arm in ("attacked", "nominal", "sham"))
+    for name, time in (("truth", "time_ns"), ("frames", "sent_ns")):
+        first, twin = (
+            sorted((row for row in rows(run, name) if row[time] < ONSET_NS), key=str) for run in (attacked, nominal)
+        )
+        if name == "frames":  # fates may be met later
+            first, twin = ([row for row in each if row["fate"] == "delivered"] for each in (first, twin))
+        assert first == twin, name
+    assert rows(sham, "truth") == rows(nominal, "truth")
+    assert [row["frame"] for row in rows(sham, "labels")] == [row["frame"] for row in rows(attacked, "labels")]
+    assert rows(attacked, "truth") != rows(nominal, "truth")
+
+
+def test_the_aircraft_leaves_its_line_and_believes_to_keep_it(made: Pair) -> None:
+    attacked, nominal = made.run("attacked"), made.run("nominal")
+    # 0.5 m/s for 35 s; GNSS wanders by 1.3 m and the aircraft lags a little
+    assert east_m(truth_tracks(attacked)[ME], BEFORE_THE_WALL_NS) == pytest.approx(-17.5, abs=4.0)
+    assert east_m(belief_tracks(attacked)[ME], BEFORE_THE_WALL_NS) == pytest.approx(0.0, abs=1.5)
+    assert east_m(truth_tracks(nominal)[ME], BEFORE_THE_WALL_NS) == pytest.approx(0.0, abs=3.0)
+    events = rows(attacked, "events")
+    assert any(row["kind"] == "event.collision" and row["about"] == ME for row in events)
+    assert not [row for row in events if row["kind"] in ("event.glitch", "event.estimator")]
+    worst = {name: ratios.max() for name, (_, ratios) in believing.innovations(attacked, [ME]).items()}
+    assert worst[ME] < 0.5, "no innovation comes near its gate"
+    assert rows(nominal, "labels") == []
+
+
+def test_what_it_broadcasts_is_what_it_believes(made: Pair) -> None:
+    attacked = made.run("attacked")
+    declared = attacked.manifest["origin"]
+    origin = Origin(declared["lat_deg"], declared["lon_deg"])
+    truth = truth_tracks(attacked)[ME]
+    said = []
+    for frame in attacked.frames_with_payloads():
+        if frame.link != f"rid_up:{ME}" or not ONSET_NS + 30 * NS_PER_S < frame.sent_ns < BEFORE_THE_WALL_NS:
+            continue
+        message = decode(rid_link.unpack(frame.payload)[1])
+        parts = message.messages if isinstance(message, MessagePack) else [message]
+        said += [
+            (origin.enu_of(part.lat_deg, part.lon_deg)[0], east_m(truth, frame.sent_ns))
+            for part in parts
+            if isinstance(part, Location) and part.lat_deg is not None and part.lon_deg is not None
+        ]
+    assert said
+    for claimed_m, true_m in said:
+        assert abs(claimed_m) < 1.5
+        assert true_m < -11.0
+
+
+def test_the_page_shows_belief_beside_truth(made: Pair) -> None:
+    page = made.report.read_text(encoding="utf-8")
+    section = re.search(r'<section id="belief">.*?</section>', page, re.DOTALL)
+    assert section is not None
+    assert section[0].count("<svg") == 2
+    assert "No estimator noted anything" in section[0]
+    assert "where it believes to be" in page
+    assert "alters gnss" in page
+
+
+def test_a_pair_without_false_sensors_has_no_such_section(tmp_path: Path) -> None:
+    changes = ["duration_s=30", "attacks.ghost.start_s=5"]
+    page = pair(load("rid-spoofing", changes), tmp_path / "pair").report.read_text(encoding="utf-8")
+    assert 'id="belief"' not in page
