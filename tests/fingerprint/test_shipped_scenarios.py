@@ -18,7 +18,7 @@ EVENTS = {
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
     "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
     "head-on": "9189e8a79e36527fdae280a6245b710f",
-    "rid-city": "057039b0b44ef991b77b9de05c9df5f1",
+    "rid-city": "e572d231ffe15762cebece077e5c31fa",
     "rid-spoofing": "a63a466c787fe513f0bb150be0ea3d16",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",

@@ -178,7 +178,12 @@ def wired(
             CompanionSpec(
                 spec.vehicle,
                 spec.system_id,
-                Broadcast(spec.vehicle, operator_place=place, **(broadcast or {})),
+                Broadcast(
+                    spec.vehicle,
+                    operator_place=place,
+                    of_autopilot=bool(spec.params.get("DID_ENABLE")),
+                    **(broadcast or {}),
+                ),
                 one,
                 CRUISE_MPS,
             )

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from skyrange.codec.columns import dtype_of
 from skyrange.codec.f3411 import (
     Authentication,
     BasicId,
@@ -24,11 +27,13 @@ from skyrange.codec.f3411 import (
     encode,
     faults,
 )
+from skyrange.codec.f3411_columns import CODES, NUMBERS, encode_locations
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.codec.mavlink import decode as decode_frame
 from skyrange.codec.open_drone_id import from_mavlink, to_mavlink, updated
+from skyrange.codec.open_drone_id_columns import location_columns
 from skyrange.core.errors import DecodeError
-from tests.property.test_f3411_roundtrip import SINGLES
+from tests.property.test_f3411_roundtrip import SINGLES, locations
 
 
 def carried(message: Message) -> Message:
@@ -132,3 +137,32 @@ def test_hostile_numbers_come_out_and_are_named() -> None:
         assert what in named
     with pytest.raises(ValueError, match=r".+"):
         encode(got)
+
+
+LOCATION = dtype_of(dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION)
+
+
+@given(st.lists(locations(), min_size=1, max_size=5))
+@settings(deadline=None)
+def test_columns_of_locations_say_what_each_says(said: list[Location]) -> None:
+    sent = [to_mavlink(decode(encode(location))) for location in said]
+    table = np.zeros(len(sent), dtype=LOCATION)
+    for row, message in enumerate(sent):
+        for name in LOCATION.names:
+            table[name][row] = getattr(message, name)
+    numbers, codes = location_columns(table)
+    for row, message in enumerate(sent):
+        one = from_mavlink(decode_frame(Packer(1, 1).pack(message)))
+        for column, name in enumerate(NUMBERS):
+            wanted = getattr(one, name)
+            assert numbers[column, row] == wanted or (wanted is None and math.isnan(numbers[column, row])), name
+        assert [getattr(one, name) for name in CODES] == codes[:, row].tolist()
+
+
+@given(st.binary(min_size=59, max_size=59))
+@settings(deadline=None)
+def test_a_location_of_any_bytes_can_be_broadcast(raw: bytes) -> None:
+    """What F3411 has no bytes for counts as unknown."""
+    assert LOCATION.itemsize == 59
+    bodies = encode_locations(*location_columns(np.frombuffer(raw, dtype=LOCATION)))
+    assert isinstance(decode(bodies[0].tobytes()), Location)

@@ -208,6 +208,75 @@ def test_of_two_reports_in_one_step_the_later_counts() -> None:
     assert aircraft.beliefs.table["lat_e7"][0] == 2
 
 
+def own(**more: Any) -> Any:
+    """As ArduPilot says where it is: whole m/s, and the time by GPS."""
+    fields = {
+        "status": 2, "direction": 30_712, "speed_horizontal": 500, "speed_vertical": 100, "latitude": 407_781_234,
+        "longitude": -739_551_234, "altitude_barometric": 61.5, "altitude_geodetic": 62.0, "height_reference": 0,
+        "height": 49.0, "horizontal_accuracy": 11, "vertical_accuracy": 4, "barometer_accuracy": 0,
+        "speed_accuracy": 3, "timestamp": 263.25, "timestamp_accuracy": 10,
+    } | more  # fmt: skip
+    return mav.MAVLink_open_drone_id_location_message(0, 0, [0] * 20, **fields)
+
+
+def test_an_autopilots_own_location_is_broadcast_as_it_is_while_it_says_one() -> None:
+    aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION, of_autopilot=True))
+    aircraft.all_is_well(0)
+    believed = of(aircraft)
+    assert believed.lat_deg == 40.778  # none was said yet
+    aircraft.tell(0, own())
+    assert of(aircraft) == f3411.Location(
+        Status.AIRBORNE, 40.7781234, -73.9551234, 62.0, 61.5, 49.0, 0, 5.0, 1.0, 307.0, 11, 4, 0, 3, 10, 263.2, 2
+    )
+    aircraft.tell(NS_PER_S, own(status=3))
+    aircraft.all_is_well(3 * NS_PER_S)
+    assert of(aircraft, 3 * NS_PER_S).status == Status.EMERGENCY
+    assert of(aircraft, 3 * NS_PER_S + 1).lat_deg == 40.778  # older than 2 s is none
+    assert of(aircraft, 9 * NS_PER_S).status == Status.REMOTE_ID_SYSTEM_FAILURE
+
+
+def test_an_own_location_that_nobody_asked_for_is_not_broadcast() -> None:
+    aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION))
+    aircraft.all_is_well(0)
+    aircraft.tell(0, own())
+    assert of(aircraft).lat_deg == 40.778
+
+
+def test_an_own_location_depends_on_nobody_else() -> None:
+    aircraft = Aircraft(*(Broadcast(f"blue/b{n}", of_autopilot=n == 1, operator_place=STATION) for n in range(3)))
+    for place in range(3):
+        aircraft.all_is_well(0, place)
+        aircraft.tell(0, own(), place=place)
+    aircraft.broadcaster.due_ns[:] = 0
+    out = aircraft.broadcaster.send(0, aircraft.beliefs)
+    assert out is not None
+    said = {place: messages(rid_link.unpack(raw))[f3411.Location] for place, raw in zip(*out, strict=True)}
+    assert {place: location.lat_deg for place, location in said.items()} == {0: 40.778, 1: 40.7781234, 2: 40.778}
+
+
+@pytest.mark.parametrize(
+    ("lacks", "words"),
+    [
+        ({"latitude": 0, "longitude": 0}, "LOC: no position"),
+        ({"altitude_geodetic": -1000.0}, "LOC: no ellipsoid height"),
+        ({"timestamp": 65_535.0}, "LOC: no time"),
+        ({}, ""),
+    ],
+)
+def test_troubles_of_an_own_location_are_its_own(lacks: dict[str, Any], words: str) -> None:
+    aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION, of_autopilot=True))
+    aircraft.tell(0, beat(), gps(alt_ellipsoid=0), own(**lacks))  # no position, height or time of any other kind
+    assert TROUBLES[aircraft.broadcaster.troubles(0, aircraft.beliefs).item(0)] == words
+
+
+def test_it_tells_its_autopilot_what_it_broadcasts() -> None:
+    aircraft = Aircraft(Broadcast("blue/b1", of_autopilot=True))
+    aircraft.all_is_well(0)
+    ((basic, system),) = aircraft.broadcaster.told(np.array([0]), 0, aircraft.beliefs)
+    assert basic == f3411.BasicId(f3411.IdType.SERIAL_NUMBER, 2, serial_number("blue/b1"), 2)
+    assert (system.operator_lat_deg, system.operator_lon_deg) == pytest.approx((40.777, -73.956))
+
+
 def test_a_rebooted_autopilots_clock_is_not_believed_until_it_tells_the_time() -> None:
     aircraft = Aircraft(Broadcast("blue/b1"))
     aircraft.all_is_well(100 * NS_PER_S)

@@ -17,6 +17,9 @@ NS_PER_US = 1_000
 NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
 
+GPS_LEAP_S = 18
+"""GPS time is that far ahead of UTC since 2017 (IERS Bulletin C 52)."""
+
 NEVER: Time = 2**63 - 1
 """Later than any moment a run can reach (292 years)."""
 

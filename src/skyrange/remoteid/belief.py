@@ -1,7 +1,8 @@
 """What does an aircraft believe of itself, as its computer on board hears it? The last of a few MAVLink messages.
 
-From `rid_data`: HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION, and for avoidance
-POSITION_TARGET_GLOBAL_INT. Belief, never truth: what deceives the autopilot is broadcast.
+From `rid_data`: HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION, for avoidance
+POSITION_TARGET_GLOBAL_INT, and the OPEN_DRONE_ID_LOCATION of an autopilot that makes the Location itself. Belief,
+never truth: what deceives the autopilot is broadcast.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from numpy.typing import NDArray
 
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.codec.columns import group, kind_of, sort
+from skyrange.codec.f3411_columns import CODES, NUMBERS
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.open_drone_id_columns import location_columns
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
@@ -23,7 +26,7 @@ BELIEF: Final = np.dtype(
     [
         # when each was heard, ns; -1 never
         ("beat_ns", "i8"), ("time_ns", "i8"), ("gnss_ns", "i8"), ("place_ns", "i8"), ("home_ns", "i8"),
-        ("goal_ns", "i8"),
+        ("goal_ns", "i8"), ("own_ns", "i8"),
         ("mode", "i8"), ("armed", "i8"), ("state", "i8"),  # custom_mode, 0 or 1, MAV_STATE
         ("boot_utc_us", "i8"),  # UTC of its boot, µs since 1970; -1 unknown
         ("time_boot_ms", "i8"),  # its clock at that SYSTEM_TIME
@@ -35,6 +38,7 @@ BELIEF: Final = np.dtype(
         ("vel_n", "f8"), ("vel_e", "f8"), ("vel_d", "f8"),  # m/s
         ("home_lat_e7", "i8"), ("home_lon_e7", "i8"), ("home_msl_m", "f8"),
         ("goal_lat_e7", "i8"), ("goal_lon_e7", "i8"), ("goal_msl_m", "f8"),
+        ("own_numbers", "f8", (len(NUMBERS),)), ("own_codes", "i8", (len(CODES),)),  # the Location it makes itself
         ("bad", "i8"),  # frames that are none of its autopilot's
     ]
 )  # fmt: skip
@@ -48,7 +52,7 @@ class Beliefs:
         """`systems` (n,): MAVLink system ids; what another system or component sends is not believed."""
         self.systems = systems
         self.table: NDArray[Any] = np.zeros(len(systems), dtype=BELIEF)
-        for name in ("beat_ns", "time_ns", "gnss_ns", "place_ns", "home_ns", "goal_ns", "boot_utc_us"):
+        for name in ("beat_ns", "time_ns", "gnss_ns", "place_ns", "home_ns", "goal_ns", "own_ns", "boot_utc_us"):
             self.table[name] = -1
         for name in ("geoid_m", "place_acc_m", "up_acc_m", "speed_acc_mps"):
             self.table[name] = np.nan
@@ -123,6 +127,12 @@ def _position_target(table: Any, at: Ints, when: Ints, told: Any) -> None:
     table["goal_msl_m"][at] = told["alt"]
 
 
+def _own_location(table: Any, at: Ints, when: Ints, told: Any) -> None:
+    table["own_ns"][at] = when
+    numbers, codes = location_columns(told)
+    table["own_numbers"][at], table["own_codes"][at] = numbers.T, codes.T
+
+
 _READERS: Final = {
     int(mav.MAVLINK_MSG_ID_HEARTBEAT): _heartbeat,
     int(mav.MAVLINK_MSG_ID_SYSTEM_TIME): _system_time,
@@ -130,6 +140,7 @@ _READERS: Final = {
     int(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT): _global_position,
     int(mav.MAVLINK_MSG_ID_HOME_POSITION): _home_position,
     int(mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT): _position_target,
+    int(mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION): _own_location,
 }
 
 

@@ -1,7 +1,8 @@
 """What does an aircraft broadcast, and when? Remote ID made of what it believes, for many aircraft at once.
 
 Every element is what the aircraft's autopilot said last; its time mark is when it was so. When the autopilot falls
-silent the last place goes on, with its old time mark, under the status "Remote ID system failure".
+silent the last place goes on, with its old time mark, under the status "Remote ID system failure". An autopilot with
+Open Drone ID of its own makes the Location, and that one is broadcast as it is.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ from skyrange.codec.f3411 import (
     EPOCH_2019_S,
     BasicId,
     DescriptionType,
+    Message,
     MessageType,
     OperatorId,
     OperatorLocationType,
     SelfId,
     Status,
     System,
+    decode,
     encode,
     values,
 )
@@ -97,6 +100,8 @@ class Broadcaster:
         }
         self._system = rows_of([encode(_system(b)) for b in self.broadcasts]).copy()
         self._fixed = np.array([b.operator_place is not None for b in self.broadcasts], dtype=np.bool_)
+        self.of_autopilot = np.array([b.of_autopilot for b in self.broadcasts], dtype=np.bool_)
+        """(n,) whose autopilot makes the Location, and is told who it is, where its operator is and how this is."""
         self._takeoff = np.zeros((count, 4))
         """Latitude, longitude, height of the take-off that System tells of; the last is 1 where it does."""
 
@@ -154,7 +159,7 @@ class Broadcaster:
 
     def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:
         if kind == MessageType.LOCATION:
-            return locations(table[rows], now)
+            return locations(table[rows], now, self.of_autopilot[rows])
         if kind == MessageType.SYSTEM:
             bodies = self._system[rows]
             told = table[rows]
@@ -162,6 +167,14 @@ class Broadcaster:
             bodies[:, _TIMESTAMP] = seconds.astype("<u4").view(np.uint8).reshape(-1, 4)
             return bodies
         return self._static[kind][rows]
+
+    def told(self, rows: Ints, now: Time, beliefs: Beliefs) -> list[tuple[Message, Message]]:
+        """The Basic ID and System of some aircraft, as they broadcast them now."""
+        self._take_off(rows, beliefs.table)
+        basic, system = (
+            self._message(int(kind), rows, now, beliefs.table) for kind in (MessageType.BASIC_ID, MessageType.SYSTEM)
+        )
+        return [(decode(one.tobytes()), decode(two.tobytes())) for one, two in zip(basic, system, strict=True)]
 
     def _take_off(self, rows: Ints, table: Any) -> None:
         """Where no control station is given, the System message tells where home is, from when it is known."""
@@ -180,18 +193,26 @@ class Broadcaster:
     def troubles(self, now: Time, beliefs: Beliefs) -> Ints:
         """(n,) why each aircraft's Remote ID is not serviceable (14 CFR 89.310(c)): a place in `TROUBLES`."""
         told = beliefs.table
+        placed = fresh(told["place_ns"], now, PLACE_NS)
+        high, timed = ~np.isnan(told["geoid_m"]), utc_us(told, told["boot_ms"]) >= 0
+        rows = np.flatnonzero(self.of_autopilot & fresh(told["own_ns"], now, PLACE_NS))
+        if rows.size:  # what they send is the autopilot's own
+            lacks = np.isnan(told["own_numbers"][rows])
+            placed[rows], high[rows], timed[rows] = (~lacks[:, NUMBERS.index(name)] for name in _NEEDED)
         sets = [
             self.due_ns == NEVER,
             ~fresh(told["beat_ns"], now, BEAT_NS),
-            ~fresh(told["place_ns"], now, PLACE_NS),
+            ~placed,
             ~fresh(told["gnss_ns"], now, GNSS_NS) | (told["fix"] < mav.GPS_FIX_TYPE_3D_FIX),
-            np.isnan(told["geoid_m"]),
-            utc_us(told, told["boot_ms"]) < 0,
+            ~high,
+            ~timed,
             ~self._fixed & (told["home_ns"] < 0),
         ]
         return np.select(sets, range(1, len(TROUBLES)), 0)
 
 
+_NEEDED: Final = ("lat_deg", "alt_geo_m", "timestamp_s")
+"""What a Location of the autopilot's own must say."""
 TROUBLES: Final = (
     "",
     "no transmitter",
@@ -211,10 +232,13 @@ def _system(broadcast: Broadcast) -> System:
     return System(OperatorLocationType.FIXED, *broadcast.operator_place)
 
 
-def locations(told: Any, now: Time) -> Bodies:
-    """(n, 25) Location messages of beliefs (rows of `BELIEF`)."""
+def locations(told: Any, now: Time, of_autopilot: NDArray[np.bool_]) -> Bodies:
+    """(n, 25) Location messages of beliefs (rows of `BELIEF`); the autopilot's own, while it says one, where asked."""
     numbers, codes = np.empty((len(NUMBERS), len(told))), np.empty((len(CODES), len(told)), dtype=np.uint8)
     _say(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
+    if of_autopilot.any():
+        own = of_autopilot & fresh(told["own_ns"], now, PLACE_NS)
+        numbers[:, own], codes[:, own] = told["own_numbers"][own].T, told["own_codes"][own].T
     return encode_locations(numbers, codes)
 
 

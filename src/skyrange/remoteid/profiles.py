@@ -57,6 +57,8 @@ class Broadcast:
     operator_id: str = ""
     """Sent where it is given, as the text below."""
     text: str = ""
+    of_autopilot: bool = False
+    """Whether the autopilot makes the Location itself (Open Drone ID, DID_ENABLE), as this transmitter then says it."""
 
     def __post_init__(self) -> None:
         faults = []

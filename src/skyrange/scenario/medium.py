@@ -70,6 +70,7 @@ def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Br
         operator_place=station,
         operator_id=told.operator_id,
         text=told.text,
+        of_autopilot=abs(vehicle.params.get("DID_ENABLE", 0.0)) >= 1.0,
     )
 
 

@@ -45,11 +45,12 @@ RID_MESSAGES: Final = frozenset(
         dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
         dialect.MAVLINK_MSG_ID_HOME_POSITION,
         dialect.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT,
+        dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION,
     )
 )
 """What an ASTM F3411 broadcast is made of: status, time, position above the ellipsoid, velocity, take-off.
 
-And where the autopilot flies to, for the companion's avoidance."""
+And where the autopilot flies to, for the companion's avoidance; and the Location that it may make itself."""
 
 
 class _ForRemoteId:

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 from skyrange.agent.contracts import Sensors
 from skyrange.codec.mavlink import Message, dialect
 from skyrange.core.geodesy import Origin
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.core.time import GPS_LEAP_S, NS_PER_MS, NS_PER_S, Epoch, Time
 
 GPS_EPOCH_S: Final = 315_964_800
 """1980-01-06T00:00:00Z in Unix time."""
-LEAP_S: Final = 18
-"""GPS time is that far ahead of UTC since 2017 (IERS Bulletin C 52); AP_GPS.h, `GPS_LEAPSECONDS_MILLIS`."""
 _WEEK_S: Final = 604_800
 PERIOD_NS: Final[Time] = 200 * NS_PER_MS
 """A receiver says no more than that: 5 Hz, the least that ArduPilot counts as healthy (AP_GPS::is_healthy)."""
@@ -50,7 +48,7 @@ class Receivers:
         east_mps, north_mps, up_mps = sensors.gnss_vel_enu_mps[row].tolist()
         horizontal_m, vertical_m, speed_mps = sensors.gnss_accuracy[row].tolist()
         lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
-        gps_ns = self._epoch.unix_ns + int(sensors.gnss_time_ns[row]) + (LEAP_S - GPS_EPOCH_S) * NS_PER_S
+        gps_ns = self._epoch.unix_ns + int(sensors.gnss_time_ns[row]) + (GPS_LEAP_S - GPS_EPOCH_S) * NS_PER_S
         week, within_ns = divmod(gps_ns, _WEEK_S * NS_PER_S)
         return dialect.MAVLink_gps_input_message(
             time_usec=0, gps_id=0, ignore_flags=0, time_week_ms=within_ns // NS_PER_MS, time_week=week,

@@ -46,6 +46,7 @@ OURS: Final = {
     "LOG_BACKEND_TYPE": 0.0,
     "GPS1_TYPE": 14.0,
     "MAV2_OPTIONS": 2.0,
+    "DID_MAVPORT": 0.0,  # with DID_ENABLE 1: its transmitter is the companion, on the link `autopilot`
 }
 """What makes ArduPilot's simulation one of ours: frame, calibration of its simulated sensors, GNSS by GPS_INPUT on a
 private port. The values of calibration are those of its own Tools/autotest/default_params/copter.parm."""

@@ -37,6 +37,7 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
     craft.armed_yaw = float(fleet.estimate["yaw"][craft.row])
     craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
+    fleet.watch["armed_up_m"][row], fleet.watch["crashed"][row] = fleet.estimate["pos"][row, 2], 0
     flight["landed"][row] = 1
     flight["control"][row] = PILOTED.get(craft.mode, Control.IDLE)
     flight["flags"][row] = flight["seen"][row] = 0

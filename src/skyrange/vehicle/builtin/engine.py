@@ -81,6 +81,9 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
     _ID.MAVLINK_MSG_ID_TIMESYNC: timesync.on_timesync,
     _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: remote_id.on_arm_status,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: remote_id.on_basic_id,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM: remote_id.on_system,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM_UPDATE: remote_id.on_system_update,
 }
 _COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
 _RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)

@@ -230,7 +230,7 @@ CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
 ]
 """In ArduPilot's order."""
 
-MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [_estimate, _height]
+MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [_estimate, _height, _remote_id]
 """What is checked even where ARMING_CHECK is 0 or arming is forced."""
 
 

@@ -96,5 +96,10 @@ WATCH: Final = np.dtype(
         # Remote ID's transmitter
         ("rid_ns", "i8"),  # its last OPEN_DRONE_ID_ARM_STATUS; 0 never
         ("rid_status", "i8"),  # MAV_ODID_ARM_STATUS
+        ("rid_id_type", "i8"),  # of the last OPEN_DRONE_ID_BASIC_ID; 0 none
+        ("rid_operator", "i8"),  # 1: it was told where the operator is
+        ("rid_system_ns", "i8"),  # its last OPEN_DRONE_ID_SYSTEM, or _SYSTEM_UPDATE after one; 0 never
+        ("armed_up_m", "f8"),  # the height at which it was armed last
+        ("crashed", "i8"),  # it was disarmed for a crash, and not armed again
     ]
 )

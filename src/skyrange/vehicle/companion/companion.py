@@ -19,6 +19,7 @@ from skyrange.agent.refs import RefBook
 from skyrange.codec.f3411_columns import location_rows
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.open_drone_id import to_mavlink
 from skyrange.codec.rid_link import read_rows
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
@@ -264,8 +265,12 @@ class Companion:
         for row in np.flatnonzero(changed).tolist():
             words = TROUBLES[trouble.item(row)]
             out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not words, "trouble": words})
-        # before take-off each second, as a transmitter does; in flight when it changes
-        for row in np.flatnonzero(beating & (changed | (table["armed"] == 0))).tolist():
+        rows = np.flatnonzero(beating & self._broadcaster.of_autopilot)
+        if rows.size:
+            self._tell_transmission(now, rows, out)
+        # before take-off each second, as a transmitter does; in flight when it changes, but to an autopilot that asks
+        asked = changed | (table["armed"] == 0) | self._broadcaster.of_autopilot
+        for row in np.flatnonzero(beating & asked).tolist():
             self._say(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
         counts = np.column_stack((self.tracks.counts, self._bad + table["bad"]))
         for row, column in np.argwhere(counts != self._counts).tolist():
@@ -273,6 +278,13 @@ class Companion:
             if count.bit_length() > self._counts.item(row, column).bit_length():
                 out.note(_COUNTS[column], self.specs[row].vehicle, {"count": count})
         self._counts = counts
+
+    def _tell_transmission(self, now: Time, rows: Ints, out: Outbox) -> None:
+        """Tell autopilots with Open Drone ID who they are and where the operator is, as a ground station would."""
+        for row, said in zip(rows.tolist(), self._broadcaster.told(rows, now, self._beliefs), strict=True):
+            target = (self.specs[row].system_id, wire.AUTOPILOT)
+            for message in said:
+                self._say(row, to_mavlink(message, target=target), (), out)
 
     def _say(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
         out.send(self.speaks[row], self._packers[row].pack(message), causes)

@@ -25,9 +25,11 @@ from skyrange.vehicle.builtin.home import announce, set_home
 from skyrange.vehicle.builtin.parameter_protocol import send_banner
 from skyrange.vehicle.builtin.telemetry.schedule import COLUMN, Schedule
 from skyrange.vehicle.builtin.telemetry.streams import LEAST_MS, default_ns
+from skyrange.vehicle.builtin.telemetry.table import UNASKED
 
 _MOST_MS: Final = 60_000
 _MOST_ID: Final = 2 << 15
+_ASKABLE: Final = COLUMN.keys() - UNASKED
 
 
 def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
@@ -35,7 +37,7 @@ def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
     if command.params[2] != 0.0:
         return DENIED
     message, interval_us = uint32(command.params[0]), int32(command.params[1])
-    if message not in COLUMN or interval_us < -1:
+    if message not in _ASKABLE or interval_us < -1:
         return DENIED
     if interval_us == 0:
         period = default_ns(fleet, craft, message)
@@ -53,7 +55,7 @@ def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
 
 
 def _tell_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int) -> int:
-    if message >= _MOST_ID or message not in COLUMN:
+    if message >= _MOST_ID or message not in _ASKABLE:
         fleet.send(craft, mav.MAVLink_message_interval_message(message & 0xFFFF, 0))
         return FAILED
     period_us = int(schedule.period[craft.row, COLUMN[message]]) // 1000
@@ -71,7 +73,7 @@ def request_message(fleet: Fleet, schedule: Schedule, craft: Craft, command: Com
     message = uint32(command.params[0])
     if message == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
         return _tell_interval(fleet, schedule, craft, uint32(command.params[1]))
-    if message not in COLUMN:
+    if message not in _ASKABLE:
         return FAILED
     command.after.append(message)
     return ACCEPTED

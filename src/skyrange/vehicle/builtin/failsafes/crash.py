@@ -35,3 +35,4 @@ def crashed(fleet: Fleet, craft: Craft) -> None:
     why = f"AngErr={error_deg:.0f}>{_ANGLE_ERROR_DEG:.0f}, Accel={accel:.1f}<{_ACCEL_MAX:.1f}"
     fleet.text(craft, dialect.MAV_SEVERITY_EMERGENCY, f"Crash: Disarming: {why}")
     disarm(fleet, craft, "crash", ())
+    fleet.watch["crashed"][row] = 1

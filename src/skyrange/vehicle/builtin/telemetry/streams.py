@@ -85,9 +85,11 @@ def interval_ns(rate_hz: float) -> Time:
 
 
 def boot_rates(schedule: Schedule, fleet: Fleet, craft: Craft) -> None:
-    """Start what is sent unasked: HEARTBEAT at 1 Hz, and streams at their SR0_… rates."""
+    """Start what is sent unasked: HEARTBEAT and Open Drone ID's Location at 1 Hz, and streams at their SR0_… rates."""
     schedule.clear(craft.row)
     schedule.set(craft.row, mav.MAVLINK_MSG_ID_HEARTBEAT, NS_PER_S, fleet.now)
+    if fleet.param(craft, "DID_ENABLE"):  # AP_OpenDroneID.h, _mavlink_dynamic_period_ms
+        schedule.set(craft.row, mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION, NS_PER_S, fleet.now)
     for name, messages in STREAMS.values():
         period = interval_ns(fleet.param(craft, name))
         for message in messages:

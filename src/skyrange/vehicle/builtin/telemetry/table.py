@@ -11,7 +11,7 @@ from skyrange.codec.columns import Table, dtype_of
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.wire import LAYOUTS
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
-from skyrange.vehicle.builtin.telemetry import motion, sensors, status
+from skyrange.vehicle.builtin.telemetry import motion, remote_id, sensors, status
 from skyrange.vehicle.builtin.telemetry.columns import Asks, Builder
 
 BUILDERS: Final[dict[int, Builder]] = {
@@ -54,6 +54,7 @@ BUILDERS: Final[dict[int, Builder]] = {
     mav.MAVLINK_MSG_ID_VIBRATION: status.vibration,
     mav.MAVLINK_MSG_ID_HWSTATUS: status.hwstatus,
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: status.autopilot_version,
+    mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION: remote_id.open_drone_id_location,
 }
 """What can be streamed or asked for, by message id; an aircraft's messages of one moment go out in this order."""
 
@@ -64,8 +65,12 @@ HAS: Final[dict[int, Asks]] = {
     mav.MAVLINK_MSG_ID_FENCE_STATUS: status.has_fence,
     mav.MAVLINK_MSG_ID_BATTERY_STATUS: status.has_battery_monitor,
     mav.MAVLINK_MSG_ID_AHRS2: sensors.has_fix,
+    mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION: motion.has_position,
 }
 """Messages that ArduPilot does not send while there is nothing to say."""
+
+UNASKED: Final = frozenset((mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION,))
+"""Messages that go out of themselves, and that nobody can ask for (GCS_MAVLINK::mavlink_id_to_ap_message_id)."""
 
 SILENT: Final = frozenset(
     (
