@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -56,16 +59,16 @@ def scenario(duration_s: float = 80.0, head_on: bool = False) -> Any:
 
 
 def programs() -> set[int]:
-    """The process ids of all of ArduPilot's own quadcopters on this machine."""
+    """The process ids of ArduPilot's own quadcopters that we started, and of orphans."""
     found = set()
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
                 command = (entry / "cmdline").read_bytes().split(b"\0")
-                state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
+                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
             except OSError:
                 continue
-            if command[1:3] == [b"--model", b"x"] and state != "Z":
+            if command[1:3] == [b"--model", b"x"] and state != "Z" and int(parent) in (os.getpid(), 1):
                 found.add(int(entry.name))
     return found
 
@@ -162,6 +165,44 @@ def test_one_that_dies_falls_and_one_that_hits_a_builtin_is_noted(tmp_path: Path
     assert "event.engine_dead" in a1
     assert "event.crash" in a1
     assert "event.collision" in {row["kind"] for row in events}
+
+
+def test_their_time_stands_still_while_we_do(tmp_path: Path, before: set[int]) -> None:
+    run = Run.start(scenario(30.0), tmp_path / "run")
+    try:
+        run.advance(1.0)
+        engine: Any = next(mount.engine for mount in run.rig.wiring.engines if mount.engine.name == "ardupilot")
+        clocks = [clock.said_ns for clock in engine._clocks]
+        time.sleep(4.0)  # 24 s of theirs
+        run.advance(2.0)
+        passed_s = [(clock.said_ns - was) / NS_PER_S for clock, was in zip(engine._clocks, clocks, strict=True)]
+        assert max(passed_s) < 12.0, "1 s, 0.25 s until they are stopped, and what a busy machine adds"
+    finally:
+        run.finish()
+
+
+def test_none_outlives_skyrange_stopped_or_not(tmp_path: Path, before: set[int]) -> None:
+    code = (
+        "import time\n"
+        "from pathlib import Path\n"
+        "from skyrange.runtime.run import Run\n"
+        "from tests.integration.test_ardupilot_native import programs, scenario\n"
+        f"run = Run.start(scenario(), Path({str(tmp_path / 'run')!r}))\n"
+        "run.advance(0.5)\n"
+        "print(*programs(), flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    mine = [int(number) for number in process.stdout.readline().split()]
+    assert len(mine) == 2
+    time.sleep(1.0)  # by then they are stopped
+    process.kill()
+    process.wait()
+    deadline = time.monotonic() + 10.0
+    while any(Path(f"/proc/{pid}").exists() for pid in mine) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(Path(f"/proc/{pid}").exists() for pid in mine)
 
 
 def test_one_that_reboots_comes_back_to_its_home(tmp_path: Path, before: set[int]) -> None:

@@ -85,6 +85,11 @@ class Run:
         """Simulated time reached, in nanoseconds."""
         return max(self.kernel.now, 0)
 
+    @property
+    def on_wall_clock(self) -> bool:
+        """Whether engines of it have a pace of their own."""
+        return any(mount.engine.clock == "wall" for mount in self.rig.wiring.engines)
+
     def advance(self, until_s: float) -> None:
         """Run every instant up to `until_s` simulated seconds, as fast as it goes."""
         began = time.perf_counter()

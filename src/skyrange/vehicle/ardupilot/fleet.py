@@ -262,7 +262,7 @@ class Fleet(ABC):
                 continue
             message = decode(piece.data)
             self._reported(tick, row, message, outbox)
-            for kind, told in one.witness.reported(tick, message):
+            for kind, told in one.witness.reported(message):
                 if tick >= 0:
                     outbox.note(kind, one.spec.vehicle, told)
         if one.witness.mode >= 0 and one.asked < len(self.reports):

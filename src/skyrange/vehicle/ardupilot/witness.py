@@ -82,7 +82,7 @@ class Witness:
             if event is not None:
                 yield event
 
-    def reported(self, now: Time, message: Message) -> Iterator[Event]:
+    def reported(self, message: Message) -> Iterator[Event]:
         """What a message on its private port tells."""
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
