@@ -27,7 +27,7 @@ pytestmark = [pytest.mark.integration, needs_arducopter]
 SPEEDUP = 6.0
 
 
-def scenario(duration_s: float = 80.0, head_on: bool = False) -> Any:
+def scenario(duration_s: float = 80.0, head_on: bool = False, **changes: Any) -> Any:
     """Two of ArduPilot's own quadcopters and a builtin, each on a short leg and down again.
 
     `head_on`: the second and the builtin meet on a longer one, the builtin slow, so that they do whenever they start.
@@ -52,6 +52,7 @@ def scenario(duration_s: float = 80.0, head_on: bool = False) -> Any:
             "duration_s": duration_s,
             "origin": {"lat": 40.778, "lon": -73.955},
             "operators": [{"id": "op", "vehicles": fleet}],
+            **changes,
             "sensors": {"noise": 0.0 if head_on else 1.0},
             "autopilots": {"options": options, "on_silent": "continue"},
         }
@@ -205,8 +206,10 @@ def test_none_outlives_skyrange_stopped_or_not(tmp_path: Path, before: set[int])
     assert not any(Path(f"/proc/{pid}").exists() for pid in mine)
 
 
-def test_one_that_reboots_comes_back_to_its_home(tmp_path: Path, before: set[int]) -> None:
-    run = Run.start(scenario(30.0), tmp_path / "run")
+def test_one_reboots_and_comes_back_another_is_spoofed_and_doubts(tmp_path: Path, before: set[int]) -> None:
+    jump = {"vehicles": ["op/a2"], "offset_m": [30.0, 0.0, 0.0]}
+    attacks = [{"id": "lie", "kind": "gnss.jump", "start_s": 12.0, "params": jump}]
+    run = Run.start(scenario(30.0, attacks=attacks), tmp_path / "run")
     try:
         run.advance(0.5)
         engine: Any = next(mount.engine for mount in run.rig.wiring.engines if mount.engine.name == "ardupilot")
@@ -218,5 +221,8 @@ def test_one_that_reboots_comes_back_to_its_home(tmp_path: Path, before: set[int
         assert engine._instances[0].alive
     finally:
         run.finish()
-    events = [row for row in load(tmp_path / "run").table("events").to_pylist() if row["about"] == "op/a1"]
-    assert "event.reboot" in [row["kind"] for row in events]
+    events = load(tmp_path / "run").table("events").to_pylist()
+    assert "event.reboot" in [row["kind"] for row in events if row["about"] == "op/a1"]
+    doubts = [row["time_ns"] for row in events if (row["about"], row["kind"]) == ("op/a2", "event.glitch")]
+    assert doubts
+    assert 12.5 * NS_PER_S < doubts[0] < 16 * NS_PER_S, "1 s of rejected fixes (EKF3), and what clocks differ"
