@@ -28,14 +28,14 @@ def last(r: Range) -> Any:
 
 @pytest.fixture(scope="module")
 def flying() -> Range:
-    """North-east at 5 m/s and up at 1 m/s, for long enough."""
+    """North-east at 5 m/s and up at 1.8 m/s, for long enough."""
     r = ranged(DID_ENABLE=1)
     r.take_off(V, 10.0)
     for _ in range(8):
         r.send(
             V,
             dialect.MAVLink_set_position_target_local_ned_message(
-                0, 3, 1, 1, 0xDC7, 0, 0, 0, 3.0, 4.0, -1.5, 0, 0, 0, 0, 0
+                0, 3, 1, 1, 0xDC7, 0, 0, 0, 3.0, 4.0, -1.8, 0, 0, 0, 0, 0
             ),
         )
         r.run(1.0)
@@ -69,7 +69,7 @@ def test_what_it_says_in_flight(flying: Range) -> None:
     assert said.longitude * 1e-7 == pytest.approx(lon, abs=8 / 84_000)
     assert said.status == dialect.MAV_ODID_STATUS_AIRBORNE
     assert said.speed_horizontal in (400, 500)  # 5 m/s, or just below, cut to whole ones
-    assert said.speed_vertical == 100  # 1.5 m/s
+    assert said.speed_vertical == 100  # 1.8 m/s
     assert said.direction == pytest.approx(math.degrees(math.atan2(4.0, 3.0)) * 100, abs=1000)
     assert said.altitude_geodetic == pytest.approx(ORIGIN.ellipsoid_of(ORIGIN.alt_msl_m) + up, abs=4.0)
     assert said.altitude_barometric == pytest.approx(ORIGIN.alt_msl_m + up, abs=4.0)
