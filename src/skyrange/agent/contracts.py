@@ -227,6 +227,8 @@ class Engine(Protocol):
     when the run ends however it does, and a mapping `manifest` that says in the record what they are. Before that
     `leaves()` may name files of theirs that are worth keeping, by their names in the run's folder. A model
     `options` (`agent.settings.Params`) of its factory says what a scenario may tell it, as keyword `options`.
+
+    One whose clock is `wall` is a `WallEngine`.
     """
 
     name: str
@@ -250,6 +252,13 @@ class Engine(Protocol):
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Collect what they answer, waiting at most `wall_deadline_s` of wall time for a program."""
         ...
+
+
+class WallEngine(Engine, Protocol):
+    """One whose programs run on the machine's clock: `finish` waits until their time has come to the tick."""
+
+    pace: float
+    """How many simulated seconds pass in a second of the machine's clock."""
 
 
 class World(Protocol):

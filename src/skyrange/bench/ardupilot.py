@@ -15,7 +15,7 @@ import numpy as np
 from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import to_seconds
-from skyrange.io.sitl import Sitl, wall_s
+from skyrange.io.sitl import LockstepSitl, wall_s
 from skyrange.record import load as load_record
 from skyrange.runtime.run import Run
 from skyrange.vehicle.ardupilot.binary import find
@@ -104,7 +104,7 @@ def _bare(vehicles: int, parameters: str, step_s: float) -> float:
             own = Path(folder) / str(number)
             own.mkdir()
             fleet.append(
-                Sitl(
+                LockstepSitl(
                     f"arducopter {number + 1}", find().path, own, home=(0.0, 1.0, 0.0, 0.0), system_id=1,
                     start_unix_s=1, parameters=parameters,
                 )

@@ -51,8 +51,6 @@ def run(
     if not as_json and not compiled_before():
         print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
     watched = qgc or viewer_port is not None
-    if speed is None:
-        speed = 1.0 if watched else 0.0
     with watchable(scenario, watched, viewer_port) as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
             record = fly(scenario, out, speed=speed, viewers=viewers, on_progress=on_progress)

@@ -13,6 +13,8 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
+import time
 import weakref
 from collections.abc import Sequence
 from pathlib import Path
@@ -115,9 +117,52 @@ class Program:
         kept = [line for line in said.splitlines() if line.strip()]
         return "\n".join(kept[-lines:])
 
+    def hold(self, held: bool) -> None:
+        """Stop its time, or let it go on; one that has ended stays so."""
+        if self.running:
+            self._process.send_signal(signal.SIGSTOP if held else signal.SIGCONT)
+
     def kill(self) -> None:
         """End it now, and wait until it has. Again does nothing."""
         self._end()
+
+
+class Leash:
+    """Programs on the machine's clock, stopped where we are silent for too long: their time must not pass without us.
+
+    We compile, or wait for a disk, in the one thread that speaks with them; so another keeps watch.
+    """
+
+    def __init__(self, programs: Sequence[Program], after_s: float) -> None:
+        """Watch from now on; each `tug` says that we are here."""
+        self._programs = tuple(programs)
+        self._after_s = after_s
+        self._lock = threading.Lock()
+        self._tugged_s = time.monotonic()
+        self._stopped = False
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="leash", daemon=True)
+        self._thread.start()
+
+    def tug(self) -> bool:
+        """We are here. True where all have been stopped meanwhile: letting them go on is the caller's."""
+        with self._lock:
+            self._tugged_s = time.monotonic()
+            stopped, self._stopped = self._stopped, False
+        return stopped
+
+    def close(self) -> None:
+        """Watch no more. Again does nothing."""
+        self._end.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._end.wait(self._after_s / 4):
+            with self._lock:
+                if not self._stopped and time.monotonic() - self._tugged_s > self._after_s:
+                    self._stopped = True
+                    for program in self._programs:
+                        program.hold(True)
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

@@ -1,4 +1,4 @@
-"""How is one ArduPilot SITL process reached? Its JSON physics backend over UDP, two of its serial ports over TCP.
+"""How is one ArduPilot SITL process reached? Two of its serial ports over TCP, its JSON physics backend over UDP.
 
 The process connects out to us, to ports of the loopback that the system chose and that we hold, so any number of runs
 share a machine. One thing of it listens, and cannot be confined: RC input, on UDP and all interfaces
@@ -38,7 +38,10 @@ _CHUNK = 1 << 16
 
 
 class Sitl:
-    """One process with its sockets. `serial` are its ports 0 and 1, once it has connected."""
+    """One process with its serial ports; what it flies is a `model` of its own.
+
+    `serial` are its ports 0 and 1, once it has connected.
+    """
 
     def __init__(
         self,
@@ -46,6 +49,7 @@ class Sitl:
         binary: Path,
         folder: Path,
         *,
+        model: str,
         home: tuple[float, float, float, float],
         system_id: int,
         start_unix_s: int,
@@ -59,72 +63,25 @@ class Sitl:
         """
         self.name = name
         self.folder = folder
-        self.strangers = 0
-        """Datagrams that were no servo packets of its own."""
-        self.restarts = 0
-        """How often it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks: its clock is at 0 again."""
-        self._count = -1
         (folder / "defaults.parm").write_text(parameters)
-        self._physics = _bound(socket.SOCK_DGRAM)
-        self._physics.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(_LOOK_S * 1e6)))
         self._listeners = [_bound(socket.SOCK_STREAM) for _ in range(2)]
         for listener in self._listeners:
             listener.listen(1)
             listener.setblocking(False)
         self.serial: list[socket.socket | None] = [None, None]
-        self._peer: tuple[str, int] | None = None
         self._sticks = _apart()
-        port, sticks = self._physics.getsockname()[1], self._sticks.getsockname()[1]
+        sticks = self._sticks.getsockname()[1]
         paths = [f"tcpclient:{LOOPBACK}:{listener.getsockname()[1]}" for listener in self._listeners]
         self.program = Program(
             name,
             [
-                str(binary), "--model", f"JSON:{LOOPBACK}", "--home", ",".join(f"{part:.9f}" for part in home),
+                str(binary), "--model", model, "--home", ",".join(f"{part:.9f}" for part in home),
                 "--defaults", "defaults.parm", "--sysid", str(system_id), "--start-time", str(start_unix_s),
-                "--sim-port-out", str(port), "--rc-in-port", str(sticks), "--serial0", paths[0], "--serial1", paths[1],
+                "--rc-in-port", str(sticks), "--serial0", paths[0], "--serial1", paths[1],
                 *(part for number in range(2, 6) for part in (f"--serial{number}", f"none:{number}")), *options,
             ],
             folder,
         )  # fmt: skip
-
-    @property
-    def port(self) -> int:
-        """The port that it speaks from, 0 before it has spoken."""
-        return self._peer[1] if self._peer is not None else 0
-
-    def send(self, line: bytes) -> None:
-        """Let it compute a step; it has answered before."""
-        assert self._peer is not None
-        with contextlib.suppress(OSError):  # it may have died: the answer tells
-            self._physics.sendto(line, self._peer)
-
-    def servos(self, deadline: float) -> bytes | None:
-        """Its answer: pulse widths in µs, little-endian 16 bits each; `None` where it has ended or it is too late.
-
-        `deadline` is on the clock of `wall_s`. Where it has restarted meanwhile, `restarts` has grown.
-        """
-        while True:
-            try:
-                data, peer = self._physics.recvfrom(256)
-            except BlockingIOError:  # nothing for `_LOOK_S`
-                if wall_s() > deadline or not self.program.running:
-                    return None
-                continue
-            if _SIZES.get(data[:2]) != len(data):
-                self.strangers += 1
-                continue
-            count = int.from_bytes(data[4:8], "little")
-            if peer != self._peer:
-                if self._peer is not None:
-                    if count != 0:
-                        self.strangers += 1
-                        continue
-                    self.restarts += 1
-                self._peer = peer
-            elif count == self._count:
-                continue  # said again
-            self._count = count
-            return data[_HEAD:]
 
     def accept(self) -> list[int]:
         """Take the connections of its serial ports that have come; which ports are new."""
@@ -175,7 +132,7 @@ class Sitl:
     def close(self) -> None:
         """End the process and give the ports back. Again does nothing."""
         self.program.kill()
-        for each in (self._physics, self._sticks, *self._listeners, *self.serial):
+        for each in (self._sticks, *self._listeners, *self.serial):
             if each is not None:
                 each.close()
 
@@ -184,6 +141,80 @@ class Sitl:
         ended, words = self.program.ended, self.program.last_words()
         problem = f"{what} ({ended})" if ended else what
         return ComponentError(self.name, problem, f"It said last:\n{words}" if words else "")
+
+
+class LockstepSitl(Sitl):
+    """One whose physics is ours: it answers each of our lines with a step of its time."""
+
+    def __init__(
+        self,
+        name: str,
+        binary: Path,
+        folder: Path,
+        *,
+        home: tuple[float, float, float, float],
+        system_id: int,
+        start_unix_s: int,
+        parameters: str,
+        options: Sequence[str] = (),
+    ) -> None:
+        """Start it, as `Sitl`; it waits for its first line."""
+        self.strangers = 0
+        """Datagrams that were no servo packets of its own."""
+        self.restarts = 0
+        """How often it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks: its clock is at 0 again."""
+        self._count = -1
+        self._peer: tuple[str, int] | None = None
+        self._physics = _bound(socket.SOCK_DGRAM)
+        self._physics.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(_LOOK_S * 1e6)))
+        super().__init__(
+            name, binary, folder, model=f"JSON:{LOOPBACK}", home=home, system_id=system_id, start_unix_s=start_unix_s,
+            parameters=parameters, options=("--sim-port-out", str(self._physics.getsockname()[1]), *options),
+        )  # fmt: skip
+
+    @property
+    def port(self) -> int:
+        """The port that it speaks from, 0 before it has spoken."""
+        return self._peer[1] if self._peer is not None else 0
+
+    def send(self, line: bytes) -> None:
+        """Let it compute a step; it has answered before."""
+        assert self._peer is not None
+        with contextlib.suppress(OSError):  # it may have died: the answer tells
+            self._physics.sendto(line, self._peer)
+
+    def servos(self, deadline: float) -> bytes | None:
+        """Its answer: pulse widths in µs, little-endian 16 bits each; `None` where it has ended or it is too late.
+
+        `deadline` is on the clock of `wall_s`. Where it has restarted meanwhile, `restarts` has grown.
+        """
+        while True:
+            try:
+                data, peer = self._physics.recvfrom(256)
+            except BlockingIOError:  # nothing for `_LOOK_S`
+                if wall_s() > deadline or not self.program.running:
+                    return None
+                continue
+            if _SIZES.get(data[:2]) != len(data):
+                self.strangers += 1
+                continue
+            count = int.from_bytes(data[4:8], "little")
+            if peer != self._peer:
+                if self._peer is not None:
+                    if count != 0:
+                        self.strangers += 1
+                        continue
+                    self.restarts += 1
+                self._peer = peer
+            elif count == self._count:
+                continue  # said again
+            self._count = count
+            return data[_HEAD:]
+
+    def close(self) -> None:
+        """End the process and give the ports back. Again does nothing."""
+        super().close()
+        self._physics.close()
 
 
 class Switchboard:
@@ -201,9 +232,9 @@ class Switchboard:
         self._lines[port.fileno()] = (who, place)
         self._poll.register(port.fileno(), select.EPOLLIN)
 
-    def speaking(self) -> list[tuple[int, int]]:
-        """(who, place) of the ports that have said something or closed, in order."""
-        heard = self._poll.poll(0)
+    def speaking(self, wait_s: float = 0.0) -> list[tuple[int, int]]:
+        """(who, place) of the ports that have said something or closed, in order; waits for the first that does."""
+        heard = self._poll.poll(wait_s)
         return sorted(self._lines[number] for number, _ in heard if number in self._lines)
 
     def close(self) -> None:

@@ -4,10 +4,27 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import cast
 
+from skyrange.agent.contracts import Engine, WallEngine
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time, to_seconds
+
+
+def held_to(speed: float, engines: Sequence[Engine]) -> float:
+    """The speed at which a `Pace` has to hold a run that is asked for `speed`: 0 where an engine does so itself.
+
+    `InputError` where two of those on the wall clock, or one and `speed`, contradict each other.
+    """
+    found = {engine.name: cast("WallEngine", engine).pace for engine in engines if engine.clock == "wall"}
+    if speed != 0.0:
+        found["--speed"] = speed
+    if len(set(found.values())) > 1:
+        told = ", ".join(f"{name} {pace:g}" for name, pace in found.items())
+        hint = "Programs that run on the machine's clock set the pace: leave --speed out."
+        raise InputError.one("speed", "value", told, "one speed", hint)
+    return speed if set(found) <= {"--speed"} else 0.0
 
 
 class Pace:

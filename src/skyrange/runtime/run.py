@@ -20,9 +20,9 @@ from skyrange.record import Recorder
 from skyrange.runtime.collector import at_ease
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.memory import peak_memory_mb
-from skyrange.runtime.pace import Pace
+from skyrange.runtime.pace import Pace, held_to
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.wire import Rig, wire
+from skyrange.scenario.wire import Rig, engines_told, wire
 
 OnProgress = Callable[[Time, Time], None]
 """Called with (simulated now, simulated end) between steps."""
@@ -48,6 +48,7 @@ class Run:
         scenario: Scenario,
         out: Path | None = None,
         *,
+        speed: float = 0.0,
         taps: Sequence[TapPlacement] = (),
         attacks: Sequence[AttackPlan] = (),
         observers: Sequence[Observer] = (),
@@ -56,11 +57,13 @@ class Run:
         """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
         Without `out` it is the first of `runs/NAME`, `runs/NAME-2` … that is free, whoever else starts a run there.
-        `taps` and `attacks` act on its links; `observers` see everything beside the recorder.
+        `taps` and `attacks` act on its links; `observers` see everything beside the recorder. `speed` is what
+        `execute` will be asked for: whether the engines allow it is known once they are made.
         What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
         record is the same.
         """
         rig = wire(scenario, taps=taps, attacks=attacks)
+        held_to(speed, [mount.engine for mount in rig.wiring.engines])
         kernel = Kernel(replace(rig.wiring, fuse=fuse))
         record = scenario.record
         while True:
@@ -81,6 +84,11 @@ class Run:
     def now(self) -> Time:
         """Simulated time reached, in nanoseconds."""
         return max(self.kernel.now, 0)
+
+    @property
+    def on_wall_clock(self) -> bool:
+        """Whether engines of it have a pace of their own."""
+        return any(mount.engine.clock == "wall" for mount in self.rig.wiring.engines)
 
     def advance(self, until_s: float) -> None:
         """Run every instant up to `until_s` simulated seconds, as fast as it goes."""
@@ -104,11 +112,12 @@ class Run:
     def execute(self, *, speed: float = 0.0, on_progress: OnProgress | None = None) -> None:
         """Run to the scenario's end and close the record.
 
-        `speed` holds it to that many simulated seconds per wall second; 0 is as fast as it goes.
+        `speed` holds it to that many simulated seconds per wall second; 0 is as fast as it goes, or as engines on
+        the wall clock let it.
         Ctrl-C, or a component's failure, ends it early: the record is whole up to there, its status
         `interrupted` or `failed`, and `ShortfallError` or the component's error is raised.
         """
-        pace = Pace(speed)
+        pace = Pace(held_to(speed, [mount.engine for mount in self.rig.wiring.engines]))
         end = self.rig.duration_ns
         with Interruptible() as interrupt, at_ease():
             began = time.perf_counter()
@@ -160,6 +169,7 @@ class Run:
         simulated_s = to_seconds(self.now)
         return {
             "simulated_s": simulated_s,
+            "engines": engines_told(self.rig.wiring.engines),
             "timings": {
                 "wall_s": round(self._wall_s, 3),
                 "real_time_factor": round(simulated_s / self._wall_s, 3) if self._wall_s else None,

@@ -113,7 +113,7 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        _header(scenario, city, links, plans) | {"attacks": made.rows, "engines": _engines(engines)},
+        _header(scenario, city, links, plans) | {"attacks": made.rows, "engines": engines_told(engines)},
         _attachments(scenario, plans, city),
         air.oracle,
     )
@@ -171,6 +171,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
             home_enu_m=(start.east_m, start.north_m, 0.0),
             heading_deg=start.heading_deg,
             params=dict(vehicle.params),
+            wind_enu_mps=scenario.wind.air.steady_enu_mps,
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
     datum = scenario.origin.datum
@@ -187,8 +188,8 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
     return world, mounts
 
 
-def _engines(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
-    """The autopilots' engines, with the program that each runs, if it is one."""
+def engines_told(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
+    """What the manifest says of the autopilots' engines, with the program that each runs, if it is one."""
     return [{"kind": mount.engine.name, **getattr(mount.engine, "manifest", {})} for mount in mounts]
 
 

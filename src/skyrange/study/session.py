@@ -20,7 +20,7 @@ def fly(
     scenario: Scenario,
     out: Path | None = None,
     *,
-    speed: float = 0.0,
+    speed: float | None = None,
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
     viewers: Viewers | None = None,
@@ -29,18 +29,22 @@ def fly(
 ) -> RunRecord:
     """Run `scenario` into the folder `out`, or the first free one of `runs/NAME`, and write its report.
 
-    `taps` and `attacks` are placed on its links. `viewers` are served between steps; closing them is the caller's.
+    `speed` is that of `Run.execute`; without one a run that is watched goes in real time, or at the pace of engines
+    that have one, and any other as fast as it goes. `taps` and `attacks` are placed on its links. `viewers` are served between steps; closing them is the caller's.
     Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
     """
-    Pace(speed)  # refuses what is no speed before there is a folder
+    asked = 0.0 if speed is None else speed
+    Pace(asked)  # refuses what is no speed before there is a folder
     if viewers is None:
-        run = Run.start(scenario, out, taps=taps, attacks=attacks)
+        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks)
     else:
-        run = Run.start(scenario, out, taps=taps, attacks=attacks, observers=[viewers], fuse=False)
+        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, observers=[viewers], fuse=False)
         on_progress = _serving(viewers, on_progress)
+    if speed is None and viewers is not None and not run.on_wall_clock:
+        asked = 1.0
     folder = run.recorder.path
     try:
-        run.execute(speed=speed, on_progress=on_progress)
+        run.execute(speed=asked, on_progress=on_progress)
     except ShortfallError:
         if report:
             _report(folder)

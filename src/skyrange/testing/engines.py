@@ -88,7 +88,9 @@ def check_engine(
 
 
 @ENGINE.rule(
-    "declares", "Has a name, a clock, a repeatability, a pre-roll of 0 ns or more, and moves none but its own."
+    "declares",
+    "Has a name, a clock (and a pace, if it is the wall's), a repeatability, a pre-roll of 0 ns or more, and moves "
+    "none but its own.",
 )
 def _declares(case: EngineCase) -> None:
     engine = case.make()
@@ -97,6 +99,9 @@ def _declares(case: EngineCase) -> None:
     need(engine.repeatable in ("bytes", "outcome"), f"repeatable is {engine.repeatable!r}", "bytes or outcome")
     preroll = engine.preroll_ns
     need(isinstance(preroll, int) and preroll >= 0, f"preroll_ns is {preroll!r}", "an int of 0 or more nanoseconds")
+    if engine.clock == "wall":
+        pace = getattr(engine, "pace", None)
+        need(isinstance(pace, float) and pace > 0.0, f"pace is {pace!r}", "a float above 0, as its clock is wall")
     strange = [vehicle for vehicle in engine.moves if vehicle not in engine.vehicles]
     need(not strange, f"moves {strange}", "vehicles of its own")
 

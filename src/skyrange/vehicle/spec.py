@@ -11,7 +11,8 @@ class VehicleSpec:
     """One aircraft: `home_enu_m` where it stands at the start, `heading_deg` clockwise from north.
 
     `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter
-    parameters in their own units that replace defaults.
+    parameters in their own units that replace defaults. `wind_enu_mps` is where the air goes without its gusts, for
+    engines whose dynamics are their own.
     """
 
     vehicle: str
@@ -21,3 +22,4 @@ class VehicleSpec:
     heading_deg: float = 0.0
     params: Mapping[str, float] = field(default_factory=dict)
     network: int = 0
+    wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)

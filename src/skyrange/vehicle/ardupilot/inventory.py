@@ -13,7 +13,7 @@ import numpy as np
 from skyrange.codec.mavlink import Deframer, Packer, decode, dialect
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
-from skyrange.io.sitl import Sitl, wall_s
+from skyrange.io.sitl import LockstepSitl, wall_s
 from skyrange.vehicle.ardupilot.packets import Motion, lines, stamp_s
 
 STEP_NS: Final = 2_500_000
@@ -32,7 +32,7 @@ def parameters_of(binary: Path, sha256: str) -> Mapping[str, float]:
     `ComponentError` where it does not answer.
     """
     with TemporaryDirectory(prefix="skyrange-") as folder:
-        sitl = Sitl(
+        sitl = LockstepSitl(
             f"arducopter {binary.name}", binary, Path(folder), home=(0.0, 1.0, 0.0, 0.0), system_id=1, start_unix_s=1,
             parameters="LOG_BACKEND_TYPE 0\n", options=("--unhide-groups",),
         )  # fmt: skip
@@ -42,7 +42,7 @@ def parameters_of(binary: Path, sha256: str) -> Mapping[str, float]:
             sitl.close()
 
 
-def _ask(sitl: Sitl) -> Mapping[str, float]:
+def _ask(sitl: LockstepSitl) -> Mapping[str, float]:
     packer, deframer = Packer(_STATION, dialect.MAV_COMP_ID_MISSIONPLANNER), Deframer()
     standing = Motion(np.zeros((1, 3)), np.array([[0.0, 0.0, -9.80665]]), np.zeros(1), np.eye(1, 4), np.zeros(1))
     found: dict[str, float] = {}

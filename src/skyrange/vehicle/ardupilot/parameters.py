@@ -13,6 +13,7 @@ from typing import Final
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.vehicle.builtin.parameter_names import RENAMED, from_nominal, nominal, to_nominal
 from skyrange.vehicle.builtin.parameters import TUNING, hover_throttle
+from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import Airframe
 
 LOOP_RATE: Final = "SCHED_LOOP_RATE"
@@ -49,6 +50,16 @@ OURS: Final = {
 }
 """What makes ArduPilot's simulation one of ours: frame, calibration of its simulated sensors, GNSS by GPS_INPUT on a
 private port. The values of calibration are those of its own Tools/autotest/default_params/copter.parm."""
+NATIVE: Final = {
+    "MOT_THST_HOVER": 0.39,
+    "MOT_THST_EXPO": 0.65,
+    "MOT_BAT_VOLT_MIN": 9.6,
+    "MOT_BAT_VOLT_MAX": 12.8,
+    "ATC_RAT_YAW_P": 0.3,
+    "ATC_RAT_YAW_I": 0.02,
+    "SIM_TERRAIN": 0.0,  # the ground is as high everywhere as at home
+}
+"""What fits ArduPilot's own quadcopter: again copter.parm's."""
 SETS: Final = frozenset(
     ("GPS1_TYPE", "MAV2_OPTIONS", "GPS1_DELAY_MS", "MAV_SYSID", "SYSID_THISMAV", "SERIAL0_PROTOCOL", "SERIAL1_PROTOCOL")
 )
@@ -75,10 +86,28 @@ def start_values(
     who: str, airframe: Airframe, given: Mapping[str, float], listed: Mapping[str, float], gnss_lag_ms: int
 ) -> dict[str, float]:
     """What the file of defaults says. Raises `InputError` with every name and value of `given` that is wrong."""
+    own = {"MOT_THST_HOVER": hover_throttle(airframe), "MOT_THST_EXPO": airframe.thrust_expo}
+    return _values(who, {**TUNING.get(airframe.name, {}), **own}, given, listed, gnss_lag_ms)
+
+
+def native_values(spec: VehicleSpec, listed: Mapping[str, float], gnss_lag_ms: int) -> dict[str, float]:
+    """The same for ArduPilot's own quadcopter, in the wind that is known before the run."""
+    east_mps, north_mps, up_mps = spec.wind_enu_mps
+    level_mps = math.hypot(east_mps, north_mps)
+    wind = {
+        "SIM_WIND_SPD": math.hypot(level_mps, up_mps),
+        "SIM_WIND_DIR": math.degrees(math.atan2(-east_mps, -north_mps)) % 360.0,  # where it comes from
+        "SIM_WIND_DIR_Z": math.degrees(math.atan2(up_mps, level_mps)),
+        "SIM_WIND_T": 1.0,  # the same at all heights
+    }
+    return _values(spec.vehicle, {**NATIVE, **wind}, spec.params, listed, gnss_lag_ms)
+
+
+def _values(
+    who: str, own: Mapping[str, float], given: Mapping[str, float], listed: Mapping[str, float], gnss_lag_ms: int
+) -> dict[str, float]:
     values: dict[str, float] = {}
-    wanted = {**OURS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **TUNING.get(airframe.name, {})}
-    wanted["MOT_THST_HOVER"] = hover_throttle(airframe)
-    wanted["MOT_THST_EXPO"] = airframe.thrust_expo
+    wanted = {**OURS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **own}
     for name, value in wanted.items():
         found = resolve(name, value, listed) or resolve(_OLD.get(name, name), value, listed)
         if found is not None:  # versions differ in what they simulate

@@ -12,7 +12,7 @@ from typing import Final
 
 from skyrange.codec.mavlink import Message, decode, dialect, message_id
 from skyrange.core.errors import DecodeError
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 Event = tuple[str, Mapping[str, str | int | float | bool]]
 """Kind and data of a note about the aircraft."""
@@ -82,7 +82,7 @@ class Witness:
             if event is not None:
                 yield event
 
-    def reported(self, now: Time, message: Message) -> Iterator[Event]:
+    def reported(self, message: Message) -> Iterator[Event]:
         """What a message on its private port tells."""
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
@@ -106,10 +106,11 @@ class Witness:
                 self._glitching = glitching
                 yield "event.glitch", {"on": glitching}
         elif kind == "GLOBAL_POSITION_INT":
-            yield from self._moved(now, message)
+            yield from self._moved(message)
 
-    def _moved(self, now: Time, message: Message) -> Iterator[Event]:
+    def _moved(self, message: Message) -> Iterator[Event]:
         """Belief that jumps is a reset of the estimator."""
+        now = message.time_boot_ms * NS_PER_MS
         lat, lon, up = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
         velocity = (message.vx * 1e-2, message.vy * 1e-2, -message.vz * 1e-2)
         before, self._place = self._place, (now, lat, lon, up, *velocity)

@@ -1,0 +1,293 @@
+"""What have all fleets of ArduPilot processes in common? Parameters, start, mail, fixes, what is heard, and the end.
+
+`lockstep` and `native` differ in whose physics they fly by, and so in how time passes. In both, serial port 0 of each
+process is the link `autopilot`; port 1 is private: GNSS goes in, and what it tells of itself comes out.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+import numpy as np
+
+from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.codec.mavlink import Deframer, Message, Packer, decode, dialect
+from skyrange.core.errors import ComponentError, Fault, InputError
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import Port, endpoint, link_name
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.io.programs import make_room
+from skyrange.io.sitl import FILES, Sitl, Switchboard, check_free
+from skyrange.vehicle.ardupilot import parameters
+from skyrange.vehicle.ardupilot.binary import find
+from skyrange.vehicle.ardupilot.gnss import Receivers
+from skyrange.vehicle.ardupilot.inventory import parameters_of
+from skyrange.vehicle.ardupilot.options import Options
+from skyrange.vehicle.ardupilot.skew import Skew
+from skyrange.vehicle.ardupilot.witness import POSITIONED, REPORTS, Witness
+from skyrange.vehicle.spec import VehicleSpec
+from skyrange.world.airframes import MOTORS
+
+QUANTUM_NS: Time = 2_500_000
+"""The world's tick; the first exchange tells whether it is."""
+WARM_UP_NS: Time = 45 * NS_PER_S
+"""Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
+PRIVATE = 1
+"""The serial port that no ground station hears."""
+START_S = 60.0
+"""Wall seconds in which a process has to have come up, and in which it has to answer while it boots."""
+OPEN = 2
+"""The serial port where a ground station may be let in."""
+
+
+@dataclass(slots=True)
+class Instance:
+    """One aircraft's process and what is known of it."""
+
+    spec: VehicleSpec
+    values: Mapping[str, float]
+    """Its parameters that are not the firmware's defaults."""
+    arguments: Mapping[str, Any]
+    """What its process was started with."""
+    sitl: Sitl
+    onboard: Packer
+    """Ours on the private port."""
+    status: InstanceStatus = InstanceStatus.BOOTING
+    deframer: Deframer = field(default_factory=Deframer)
+    private: Deframer = field(default_factory=Deframer)
+    witness: Witness = field(default_factory=Witness)
+    asked: int = 0
+    """How many reports the private port has been asked for."""
+
+    @property
+    def alive(self) -> bool:
+        """Whether it is neither lost nor given up."""
+        return self.status in (InstanceStatus.BOOTING, InstanceStatus.READY)
+
+    def restarted(self, outbox: Outbox) -> None:
+        """It has begun anew: nothing holds that was known of it."""
+        self.asked, self.witness = 0, Witness()
+        outbox.note("event.reboot", self.spec.vehicle, {"system_id": self.spec.system_id})
+
+    def lose(self, status: InstanceStatus, outbox: Outbox) -> None:
+        """It has ended or is silent; should it wake up, its time has passed."""
+        self.status = status
+        program = self.sitl.program
+        outbox.note("event.autopilot_lost", self.spec.vehicle, {"ended": program.ended, "said": program.last_words()})
+        program.kill()
+
+
+class Fleet(ABC):
+    """An engine (contract: `agent.contracts.Engine`). Its processes start with its first tick and end with `close`."""
+
+    physics: Literal["shared", "native"]
+    service_ns: Time = QUANTUM_NS
+    clock: Literal["lockstep", "wall"]
+    repeatable: Literal["bytes", "outcome"]
+    preroll_ns: Time
+    moves: Sequence[str] = ()
+    reports: Mapping[int, float] = REPORTS
+    """What the private port is asked for, in Hz."""
+
+    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
+        """Find the binary and check all parameters against its list; nothing keeps running.
+
+        Raises `InputError` where there is no binary or a parameter is wrong.
+        """
+        self.name = name
+        self.vehicles = [spec.vehicle for spec in specs]
+        self.binary = find()
+        self._options = options
+        self._listed = parameters_of(self.binary.path, self.binary.sha256)
+        check_free(options.opened(len(specs)), "options.ardupilot.open_port")
+        if options.open_port:
+            self.repeatable = "outcome"  # who connects, and when, no seed says
+        self._specs = tuple(specs)
+        self._origin, self._epoch = origin, epoch
+        self.ports = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
+        self._places = {port: place for place, port in enumerate(self.ports)}
+        self._receivers = Receivers(len(specs), origin, epoch)
+        self._check()
+        self._folder: TemporaryDirectory[str] | None = None
+        self._instances: list[Instance] = []
+        self._switchboard = Switchboard()
+        self._commands = np.zeros((len(specs), MOTORS))
+        self._skew = Skew()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Fleet:
+        raise ComponentError(f"engine {self.name}", "its programs cannot be copied", "Fork a run of builtin autopilots")
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What the record says of it; once it has flown, how far the processes' clocks were from the run's, ms."""
+        said = {
+            "version": self.binary.version,
+            "sha256": self.binary.sha256,
+            "binary": str(self.binary.path),
+            "physics": self.physics,
+        }
+        return said | ({"skew_ms": self._skew.told} if self._skew.told else {})
+
+    # ---------------------------------------------------------------- the processes
+
+    @abstractmethod
+    def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
+        """Its parameters. Raises `InputError` with all that is wrong with those given."""
+
+    @abstractmethod
+    def _launch(self, **arguments: Any) -> Sitl:
+        """Start a process; `arguments` are those that every `Sitl` takes."""
+
+    def _check(self) -> None:
+        """Raise `InputError` with every parameter of every aircraft that is wrong."""
+        faults = []
+        for spec in self._specs:
+            try:
+                self._values(spec, 0)
+            except InputError as error:
+                faults += [Fault(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+        if faults:
+            raise InputError(f"autopilot {self.name}", faults)
+
+    def _start(self, tick: Time, sensors: Sensors) -> None:
+        """Start all processes, whose own time begins at `tick`; waits for none."""
+        make_room(FILES * len(self._specs), f"engine {self.name}")
+        self._folder = TemporaryDirectory(prefix="skyrange-")
+        opened = self._options.opened(len(self._specs))
+        for row, spec in enumerate(self._specs):
+            values = self._values(spec, int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS)
+            if self._options.keep_logs:
+                values["LOG_BACKEND_TYPE"] = 1.0
+            east_m, north_m, up_m = spec.home_enu_m
+            lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
+            arguments = {
+                "name": f"arducopter of {spec.vehicle}",
+                "binary": self.binary.path,
+                "folder": self._own_folder(spec.vehicle),
+                "home": (lat_deg, lon_deg, self._origin.alt_msl_m + up_m, spec.heading_deg % 360.0),
+                "system_id": spec.system_id,
+                "start_unix_s": (self._epoch.unix_ns + tick - (WARM_UP_NS - self.preroll_ns)) // NS_PER_S,
+                "parameters": parameters.text_of(values),
+                "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
+            }
+            packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
+            self._instances.append(Instance(spec, values, arguments, self._launch(**arguments), packer))
+
+    def _own_folder(self, vehicle: str, suffix: str = "") -> Path:
+        assert self._folder is not None
+        folder = Path(self._folder.name) / (vehicle.replace("/", "-") + suffix)
+        folder.mkdir()
+        return folder
+
+    def _launch_again(self, one: Instance, suffix: str) -> None:
+        """The same in a folder of another name, the one before ended."""
+        one.sitl.close()
+        one.sitl = self._launch(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
+
+    def leaves(self) -> Mapping[str, Path]:
+        """The DataFlash logs to be kept, by their names in the run's folder; they are there until `close`."""
+        if not self._options.keep_logs:
+            return {}
+        return {
+            f"dataflash/{one.spec.vehicle.replace('/', '-')}{'' if number == 0 else f'-{number + 1}'}.bin": log
+            for one in self._instances
+            for number, log in enumerate(sorted((one.sitl.folder / "logs").glob("*.BIN")))
+        }
+
+    def close(self) -> None:
+        """End the processes. Again does nothing."""
+        for one in self._instances:
+            one.sitl.close()
+        self._switchboard.close()
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that the processes have taken so far, in seconds."""
+        return sum(one.sitl.program.cpu_s for one in self._instances)
+
+    # ---------------------------------------------------------------- a tick
+
+    @abstractmethod
+    def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
+        """Contract: `agent.contracts.Engine`."""
+
+    @abstractmethod
+    def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
+        """Contract: `agent.contracts.Engine`."""
+
+    def _hand_over(self, sensors: Sensors, inbox: Inbox) -> None:
+        """Give everyone its mail and its fix."""
+        for arrival in inbox:
+            one = self._instances[self._places[arrival.port]]
+            if one.alive:
+                one.sitl.write(0, arrival.payload)
+                one.witness.uploaded(arrival.payload)
+        for row in self._receivers.fresh(sensors):
+            one = self._instances[row]
+            if one.alive:
+                one.sitl.write(PRIVATE, one.onboard.pack(self._receivers.message(sensors, row)))
+
+    def _hear(self, tick: Time, outbox: Outbox, wait_s: float = 0.0) -> None:
+        """Take what they have said, waiting for the first; before time 0 nobody listens."""
+        for row, one in enumerate(self._instances):
+            if one.alive and not one.sitl.connected:
+                for place in one.sitl.accept():
+                    self._switchboard.add(row, place, one.sitl)
+                    self._connected(row, place, outbox)
+        for row, place in self._switchboard.speaking(wait_s):
+            one = self._instances[row]
+            data = one.sitl.read(place)
+            if place == PRIVATE:
+                self._learn(tick, row, data, outbox)
+            else:
+                self._pass_on(tick, row, one, data, outbox)
+
+    def _connected(self, row: int, place: int, outbox: Outbox) -> None:  # noqa: B027 (most need not know)
+        """Its serial port `place` has connected, for the first time or again."""
+
+    def _learn(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:
+        """Its private port tells how it is."""
+        one = self._instances[row]
+        for piece in one.private.feed(data):
+            if piece.garbage:
+                continue
+            message = decode(piece.data)
+            self._reported(tick, row, message, outbox)
+            for kind, told in one.witness.reported(message):
+                if tick >= 0:
+                    outbox.note(kind, one.spec.vehicle, told)
+        if one.witness.mode >= 0 and one.asked < len(self.reports):
+            self._ask(one)
+        if one.status is InstanceStatus.BOOTING and one.witness.flags & POSITIONED:
+            one.status = InstanceStatus.READY
+
+    @abstractmethod
+    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+        """A message has come on its private port."""
+
+    def _pass_on(self, tick: Time, row: int, one: Instance, data: bytes, outbox: Outbox) -> None:
+        """Its public port is the link `autopilot`."""
+        for piece in one.deframer.feed(data):
+            if tick < 0:
+                continue
+            outbox.send(self.ports[row], piece.data)
+            if not piece.garbage:
+                for kind, told in one.witness.said(piece.data):
+                    outbox.note(kind, one.spec.vehicle, told)
+
+    def _ask(self, one: Instance) -> None:
+        """Ask the private port for its next report."""
+        number, rate_hz = list(self.reports.items())[one.asked]
+        ask = dialect.MAVLink_command_long_message(
+            one.spec.system_id, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, 1e6 / rate_hz, 0, 0, 0, 0, 0
+        )
+        one.asked += one.sitl.write(PRIVATE, one.onboard.pack(ask))

@@ -1,0 +1,158 @@
+"""ArduPilot in lockstep with our world: its JSON physics backend.
+
+Every tick each process gets the tick's sensors, all compute side by side, and the tick ends when all have answered. No
+clock of the machine takes part: the same inputs give the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.codec.mavlink import Message
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.io.sitl import LockstepSitl, wall_s
+from skyrange.vehicle.ardupilot import parameters
+from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet, Instance
+from skyrange.vehicle.ardupilot.options import Options
+from skyrange.vehicle.ardupilot.packets import Motion, between, commands_of, lines, motion_of, stamp_s
+from skyrange.vehicle.spec import VehicleSpec
+from skyrange.world.airframes import AIRFRAMES
+
+_TRIES = 5
+
+
+@dataclass(slots=True)
+class _Stepper:
+    """How time passes for one process."""
+
+    sitl: LockstepSitl
+    per_tick: int
+    ticks: int
+    """Exchanges per tick, ticks per exchange: one of them is 1."""
+    steps: int = 0
+
+    @property
+    def step_ns(self) -> Time:
+        """Between two exchanges."""
+        return QUANTUM_NS * self.ticks // self.per_tick
+
+
+class LockstepFleet(Fleet):
+    """Flown by our physics (contract: `agent.contracts.Engine`)."""
+
+    physics: Literal["shared", "native"] = "shared"
+    clock: Literal["lockstep", "wall"] = "lockstep"
+    repeatable: Literal["bytes", "outcome"] = "bytes"
+    preroll_ns: Time = WARM_UP_NS
+
+    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
+        """As `Fleet`."""
+        super().__init__(name, specs, origin, epoch, options)
+        self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])
+        self._steppers: list[_Stepper] = []
+        self._motion: Motion | None = None
+        """At the last tick."""
+        self._lines: dict[tuple[int, int], list[bytes]] = {}
+        """What each is sent in this tick, by exchanges per tick and which of them."""
+        self._due: list[int] = []
+
+    def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
+        airframe = AIRFRAMES[spec.airframe]
+        return parameters.start_values(spec.vehicle, airframe, spec.params, self._listed, gnss_lag_ms)
+
+    def _launch(self, **arguments: Any) -> LockstepSitl:
+        return LockstepSitl(**arguments)
+
+    def _come_up(self) -> None:
+        """Wait until the last process has spoken, each from a port of its own."""
+        deadline = wall_s() + START_S
+        taken: set[int] = set()
+        for one in self._instances:
+            sitl = self._sitl(one)
+            for again in range(_TRIES):
+                if sitl.servos(deadline) is None:
+                    raise sitl.lost(f"did not come up within {START_S:g} s")
+                if sitl.port not in taken:
+                    break
+                self._launch_again(one, f"-{again + 2}")  # two at one port: one of them would not hear us
+                sitl = self._sitl(one)
+            taken.add(sitl.port)
+            rates = parameters.steps_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
+            self._steppers.append(_Stepper(sitl, *rates))
+
+    def _sitl(self, one: Instance) -> LockstepSitl:
+        assert isinstance(one.sitl, LockstepSitl)
+        return one.sitl
+
+    def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
+        """Hand everyone its mail, its fix and the first step of the tick."""
+        if not self._instances:
+            self._start(tick, sensors)
+            self._come_up()
+        self._hand_over(sensors, inbox)
+        after = motion_of(sensors, self._home_up_m)
+        before, self._motion = (self._motion if self._motion is not None else after), after
+        alive = [row for row, one in enumerate(self._instances) if one.alive]
+        due = [row for row in alive if (tick // QUANTUM_NS) % self._steppers[row].ticks == 0]
+        self._lines = {}
+        for per_tick in {self._steppers[row].per_tick for row in due}:
+            for turn in range(per_tick):
+                stamps = [stamp_s(one.steps + turn + 1, one.step_ns) for one in self._steppers]
+                self._lines[per_tick, turn] = lines(stamps, between(before, after, (turn + 1) / per_tick))
+        self._due = due
+        for row in due:
+            self._send(row, 0)
+
+    def _send(self, row: int, turn: int) -> None:
+        """Let a process compute a step of the tick."""
+        stepper = self._steppers[row]
+        stepper.sitl.send(self._lines[stepper.per_tick, turn][row])
+        stepper.steps += 1
+
+    def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
+        """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
+        booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
+        deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
+        outbox = Outbox()
+        answers: dict[int, bytes] = {}
+        due, turn = self._due, 0
+        while due:
+            for row in due:
+                answer = self._answer(row, deadline, outbox)
+                if answer is not None:
+                    answers[row] = answer
+                    if turn + 1 < self._steppers[row].per_tick:
+                        self._send(row, turn + 1)
+            turn += 1
+            due = [row for row in due if row in answers and turn < self._steppers[row].per_tick]
+        if answers:
+            self._commands[[*answers]] = commands_of([*answers.values()])
+        for row, one in enumerate(self._instances):
+            if not one.alive:
+                self._commands[row] = 0.0  # speed controllers without a signal stop
+        self._hear(tick, outbox)
+        return Finished(self._commands, outbox, [one.status for one in self._instances])
+
+    def _answer(self, row: int, deadline: float, outbox: Outbox) -> bytes | None:
+        one, stepper = self._instances[row], self._steppers[row]
+        restarts = stepper.sitl.restarts
+        answer = stepper.sitl.servos(deadline)
+        if answer is None:
+            one.lose(InstanceStatus.SILENT if one.sitl.program.running else InstanceStatus.DEAD, outbox)
+            self._skew.forget(row)
+        elif stepper.sitl.restarts > restarts:
+            stepper.steps = 0
+            one.restarted(outbox)
+        return answer
+
+    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+        if tick >= 0 and message.get_type() == "GLOBAL_POSITION_INT":
+            stepper = self._steppers[row]
+            self._skew.seen(row, message.time_boot_ms * NS_PER_MS - stepper.steps * stepper.step_ns)

@@ -1,0 +1,288 @@
+"""ArduPilot on its own: its simulation of a quadcopter, on the machine's clock.
+
+The processes boot before time 0, faster than real time, until each one's clock says that it has looked at compass and
+GNSS for long enough, and are let go together. From then on `SIM_SPEEDUP` of each paces itself, and the kernel is held
+to the slowest of them: a tick ends when the time of all has come to it. One that is ahead of the kernel by too much is
+stopped until that has come up, so that a machine that is too slow makes a run slower, and not wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.codec.mavlink import Message, dialect
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.io.programs import Leash
+from skyrange.io.sitl import Sitl, wall_s
+from skyrange.vehicle.ardupilot import parameters
+from skyrange.vehicle.ardupilot.fleet import PRIVATE, START_S, WARM_UP_NS, Fleet
+from skyrange.vehicle.ardupilot.options import Options
+from skyrange.vehicle.ardupilot.packets import PWM_MIN, PWM_RANGE
+from skyrange.vehicle.ardupilot.truth import Truth, state_of
+from skyrange.vehicle.ardupilot.witness import REPORTS
+from skyrange.vehicle.spec import VehicleSpec
+
+MODEL: Final = "x"
+"""ArduPilot's own: 3 kg, 0.35 m arms, hovers at 0.39 (SIM_Frame.h)."""
+SPEEDUP: Final = "SIM_SPEEDUP"
+BOOT_SPEED: Final = 20.0
+BOOT_FIX_NS: Final[Time] = 100 * NS_PER_MS
+"""While it boots fixes come with reports, which come in heaps: twice as often as the 5 Hz that it wants in the mean."""
+BRAKE_PER_S: Final = 4.0
+"""A boot's speed is the time that remains, times this."""
+UNHEARD_S: Final = 0.1
+"""A process's clock is taken to go on for so long after a report: more of a debt of time it does not make good
+(SIM_Aircraft.cpp, `sync_frame_time`)."""
+AHEAD_S: Final = 0.15
+"""On the machine's clock: one that is farther ahead of the tick is stopped."""
+LEASH_S: Final = 0.25
+"""Where no tick comes for so long all are stopped, until one does."""
+SLIP_S: Final = 0.6
+"""One that has come farther ahead flew on while we stood still: that time is lost, and its clock is set anew."""
+GRAIN_S: Final = 0.005
+"""The shortest wait; ArduPilot's own is as long (SIM_Aircraft.h, `min_sleep_time`)."""
+
+
+@dataclass(slots=True)
+class _Clock:
+    """The time of one process."""
+
+    said_ns: Time = -1
+    """Since its start, by its last report; negative is unknown."""
+    heard_s: float = 0.0
+    """When that came, on the clock of `wall_s`."""
+    began_ns: Time | None = None
+    """Its time at our time 0; `None` until it is let go."""
+    speed: float = BOOT_SPEED
+    """As asked for."""
+    fixed_ns: Time = -BOOT_FIX_NS
+    """Of the last fix while it boots."""
+    pulses: tuple[int, ...] = ()
+    """For its motors, µs."""
+    held: bool = False
+    """Stopped, for being ahead."""
+
+    def time(self, now_s: float) -> Time | None:
+        """Of the range, by its own clock; `None` where that is not known."""
+        if self.said_ns < 0 or self.began_ns is None:
+            return None
+        since_s = min(now_s - self.heard_s, UNHEARD_S)
+        return self.said_ns - self.began_ns + int(since_s * self.speed * NS_PER_S)
+
+
+class NativeFleet(Fleet):
+    """Flown by ArduPilot's own physics (contract: `agent.contracts.Engine`)."""
+
+    physics: Literal["shared", "native"] = "native"
+    clock: Literal["lockstep", "wall"] = "wall"
+    repeatable: Literal["bytes", "outcome"] = "outcome"
+    preroll_ns: Time = 0
+    reports: Mapping[int, float] = REPORTS | {
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 50.0,  # the clock
+        dialect.MAVLINK_MSG_ID_SIM_STATE: 50.0,
+        dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: 10.0,
+    }
+
+    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
+        """As `Fleet`."""
+        super().__init__(name, specs, origin, epoch, options)
+        self.pace = options.speedup
+        self.moves = self.vehicles
+        self._clocks = [_Clock() for _ in specs]
+        self._truth = Truth(len(specs))
+        self._began: Time = 0
+        """The first tick."""
+        self._slipped_ns: Time = 0
+        self._flying = False
+        """Whether all have booted."""
+        self._leash: Leash | None = None
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """As `Fleet`, and the pace."""
+        return {**super().manifest, "speedup": self.pace, "slipped_s": round(self._slipped_ns / NS_PER_S, 3)}
+
+    def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
+        values = parameters.native_values(spec, self._listed, gnss_lag_ms)
+        values[SPEEDUP] = BOOT_SPEED
+        return values
+
+    def _launch(self, **arguments: Any) -> Sitl:
+        return Sitl(model=MODEL, **arguments)
+
+    # ---------------------------------------------------------------- until time 0
+
+    def _boot(self, tick: Time, sensors: Sensors) -> None:
+        """Start all, let each come to the end of its warm-up at its own speed, and let all go at once."""
+        self._start(tick, sensors)
+        self._began = tick
+        outbox, now_s = Outbox(), wall_s()
+        for clock in self._clocks:
+            clock.heard_s = now_s
+        while not all(clock.held for clock in self._clocks):
+            self._hear(-1, outbox, GRAIN_S)
+            for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+                if clock.held:
+                    continue
+                if wall_s() - clock.heard_s > START_S or not one.sitl.program.running:
+                    raise one.sitl.lost("did not come up")
+                if clock.said_ns >= clock.fixed_ns + BOOT_FIX_NS:
+                    clock.fixed_ns = clock.said_ns
+                    self._fix(row, tick + clock.said_ns - WARM_UP_NS, sensors)
+                self._brake(row)
+                if clock.said_ns >= WARM_UP_NS:
+                    self._hold(row, True)
+                    clock.began_ns = clock.said_ns
+        for row in range(len(self._clocks)):
+            self._hold(row, False)
+        self._flying = True
+        self._leash = Leash([one.sitl.program for one in self._instances], LEASH_S)
+
+    def _fix(self, row: int, now: Time, sensors: Sensors) -> None:
+        """While it boots it is given the fix of the first tick, time and again."""
+        lag_ns = self._began - sensors.gnss_time_ns
+        one = self._instances[row]
+        if sensors.gnss_fix[row] > 0:
+            again = replace(sensors, gnss_time_ns=now - lag_ns)
+            one.sitl.write(PRIVATE, one.onboard.pack(self._receivers.message(again, row)))
+
+    def _brake(self, row: int) -> None:
+        """Slow down towards the end of the warm-up."""
+        clock = self._clocks[row]
+        left_s = (WARM_UP_NS - clock.said_ns) / NS_PER_S
+        wanted = min(max(left_s * BRAKE_PER_S, self.pace), BOOT_SPEED)
+        if wanted <= 0.5 * clock.speed or (wanted == self.pace and clock.speed != wanted):
+            self._speed(row, wanted)
+
+    def _hold(self, row: int, held: bool) -> None:
+        """Stop a process's time, or let it go on."""
+        clock = self._clocks[row]
+        clock.held, clock.heard_s = held, wall_s()
+        self._instances[row].sitl.program.hold(held)
+
+    def _speed(self, row: int, speed: float) -> None:
+        one = self._instances[row]
+        ask = dialect.MAVLink_param_set_message(
+            one.spec.system_id, 1, SPEEDUP.encode(), speed, dialect.MAV_PARAM_TYPE_REAL32
+        )
+        if one.sitl.write(PRIVATE, one.onboard.pack(ask)):
+            self._clocks[row].speed = speed
+
+    def close(self) -> None:
+        """As `Fleet`."""
+        if self._leash is not None:
+            self._leash.close()
+        super().close()
+
+    # ---------------------------------------------------------------- a tick
+
+    def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
+        """Hand everyone its mail and its fix."""
+        if not self._instances:
+            self._boot(tick, sensors)
+        self._be_here()
+        self._hand_over(sensors, inbox)
+
+    def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
+        """Wait until the time of all has come to the tick, and hear what they say meanwhile."""
+        outbox = Outbox()
+        for one in self._instances:
+            if one.status is InstanceStatus.SILENT:
+                one.status = InstanceStatus.DEAD  # it has been ended: nothing holds its aircraft up
+        deadline = wall_s() + wall_deadline_s
+        self._hear(tick, outbox)
+        self._restrain(tick - self._began)
+        self._be_here()
+        while (wait_s := self._behind_s(tick - self._began)) > 0.0:
+            if wall_s() > deadline:
+                self._give_up(tick - self._began, outbox)
+            self._be_here()
+            self._bury(outbox)
+            self._hear(tick, outbox, max(wait_s, GRAIN_S))
+            self._restrain(tick - self._began)
+        poses = self._truth.take()
+        for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+            if not one.alive:
+                self._commands[row] = 0.0
+                if poses is not None:
+                    poses.fresh[row] = False
+            elif clock.pulses:
+                self._commands[row] = np.clip((np.array(clock.pulses) - PWM_MIN) / PWM_RANGE, 0.0, 1.0)
+        return Finished(self._commands, outbox, [one.status for one in self._instances], poses)
+
+    def _be_here(self) -> None:
+        """Let those go on that were stopped because we were not."""
+        if self._leash is not None and self._leash.tug():
+            for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+                if one.alive and not clock.held:
+                    self._hold(row, False)
+
+    def _behind_s(self, tick: Time) -> float:
+        """How long, on the machine's clock, until the slowest will have come to the tick."""
+        now_s, most = wall_s(), 0.0
+        for one, clock in zip(self._instances, self._clocks, strict=True):
+            if one.alive and not clock.held:
+                time = clock.time(now_s)
+                if time is not None and time < tick:
+                    most = max(most, (tick - time) / NS_PER_S / self.pace)
+        return most
+
+    def _restrain(self, tick: Time) -> None:
+        """Stop those that are too far ahead of the tick, let those go on that are no more."""
+        for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+            if not one.alive or clock.began_ns is None:
+                continue
+            ahead_s = (clock.said_ns - clock.began_ns - tick) / NS_PER_S / self.pace
+            if clock.held:
+                if ahead_s <= -UNHEARD_S:  # of which it makes good as much when it goes on
+                    self._hold(row, False)
+            elif ahead_s > SLIP_S:
+                self._slipped_ns += clock.said_ns - clock.began_ns - tick
+                clock.began_ns = clock.said_ns - tick
+            elif ahead_s > AHEAD_S:
+                self._hold(row, True)
+
+    def _bury(self, outbox: Outbox) -> None:
+        for row, one in enumerate(self._instances):
+            if one.alive and not one.sitl.program.running:
+                one.lose(InstanceStatus.DEAD, outbox)
+                self._skew.forget(row)
+
+    def _give_up(self, tick: Time, outbox: Outbox) -> None:
+        """Whoever has said nothing for so long."""
+        now_s = wall_s()
+        for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
+            time = clock.time(now_s)
+            if one.alive and time is not None and time < tick and now_s - clock.heard_s > UNHEARD_S:
+                one.lose(InstanceStatus.SILENT, outbox)
+                self._skew.forget(row)
+
+    def _connected(self, row: int, place: int, outbox: Outbox) -> None:
+        clock = self._clocks[row]
+        if self._flying and place == PRIVATE:  # it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks
+            self._instances[row].restarted(outbox)
+            clock.said_ns, clock.began_ns = -1, None
+            self._skew.forget(row)
+
+    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+        kind, clock = message.get_type(), self._clocks[row]
+        if kind == "GLOBAL_POSITION_INT":
+            said = message.time_boot_ms * NS_PER_MS
+            clock.said_ns, clock.heard_s = said, wall_s()
+            if self._flying and clock.began_ns is None:
+                clock.began_ns = said - (tick - self._began)
+            if clock.began_ns is not None:
+                self._skew.seen(row, said - clock.began_ns - (tick - self._began))
+        elif kind == "SIM_STATE" and clock.began_ns is not None:
+            state = state_of(message, self._origin)
+            if state.sound:
+                self._truth.tell(row, state, tick - self._began - (clock.said_ns - clock.began_ns))
+        elif kind == "SERVO_OUTPUT_RAW":
+            clock.pulses = (message.servo1_raw, message.servo2_raw, message.servo3_raw, message.servo4_raw)

@@ -1,0 +1,49 @@
+"""What may a scenario tell of its ArduPilots? The table `[autopilots.options.ardupilot]`."""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+from pydantic import Field, model_validator
+
+from skyrange.agent.settings import Number, Params, refuse
+from skyrange.core.errors import Fault
+
+PORT_STEP: Final = 10
+"""Between the open ports of two processes, as between two instances of SITL."""
+
+
+class Options(Params):
+    """How the ArduPilot processes of a scenario are run."""
+
+    physics: Literal["shared", "native"] = Field(
+        default="shared",
+        description="Whose forces move them: the range's, in lockstep, or those of ArduPilot's own simulation, on the "
+        "machine's clock.",
+    )
+    speedup: Number = Field(
+        default=1.0,
+        gt=0,
+        le=100,
+        description="Simulated seconds per second of the machine's clock, with native physics; more than the machine "
+        "can is as fast as it can.",
+    )
+    keep_logs: bool = Field(default=False, description="Write DataFlash logs, and keep them in the run's folder.")
+    open_port: int = Field(
+        default=0,
+        ge=0,
+        le=65_535,
+        description="A TCP port, on all interfaces, where the first ArduPilot obeys a ground station; each next one's "
+        "is 10 higher. 0: none.",
+    )
+
+    def opened(self, count: int) -> list[int]:
+        """The ports where `count` processes let ground stations in themselves; none unless it is asked for."""
+        return [self.open_port + PORT_STEP * place for place in range(count)] if self.open_port else []
+
+    @model_validator(mode="after")
+    def _only_native_is_sped_up(self) -> Options:
+        if self.physics == "shared" and "speedup" in self.model_fields_set:
+            hint = 'Lockstep goes as fast as it can, or as --speed says; or set physics = "native".'
+            raise refuse(Fault("speedup", f"{self.speedup:g}", "left out with shared physics", hint))
+        return self

@@ -1,0 +1,36 @@
+"""How far are the processes' clocks from the run's, and from one another?"""
+
+from __future__ import annotations
+
+from skyrange.core.time import NS_PER_MS, Time
+
+
+class Skew:
+    """Gathers what each process's clock says against the run's; positive is ahead of it."""
+
+    def __init__(self) -> None:
+        self._last: dict[int, Time] = {}
+        self._count = 0
+        self._total = 0
+        self._most = 0
+        self._between = 0
+
+    def seen(self, row: int, ahead_ns: Time) -> None:
+        """A report of process `row` was that much ahead of the tick at which it was read."""
+        self._last[row] = ahead_ns
+        self._count += 1
+        self._total += abs(ahead_ns)
+        self._most = max(self._most, abs(ahead_ns))
+        self._between = max(self._between, max(self._last.values()) - min(self._last.values()))
+
+    def forget(self, row: int) -> None:
+        """The process has begun anew or is gone."""
+        self._last.pop(row, None)
+
+    @property
+    def told(self) -> dict[str, float]:
+        """`mean` and `max` distance from the run's clock, and the most `between` two processes, ms; {} unseen."""
+        if not self._count:
+            return {}
+        parts = {"mean": self._total / self._count, "max": self._most, "between": self._between}
+        return {name: round(part / NS_PER_MS, 3) for name, part in parts.items()}
