@@ -31,7 +31,8 @@ def fly(
 
     `speed` is that of `Run.execute`; without one a run that is watched goes in real time, or at the pace of engines
     that have one, and any other as fast as it goes. `taps` and `attacks` are placed on its links. `viewers` are served
-    between steps; closing them is the caller's. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
+    between steps; closing them is the caller's. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report
+    is there as well.
     """
     asked = 0.0 if speed is None else speed
     Pace(asked)  # refuses what is no speed before there is a folder
