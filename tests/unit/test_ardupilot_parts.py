@@ -49,6 +49,12 @@ def test_gnss_comes_over_mavlink_with_the_receivers_own_lag_in_either_version() 
     assert parameters.start_values("a/b", IRIS, {}, OLD, 0) == {"GPS_TYPE": 14.0, "GPS_DELAY_MS": 1.0}
 
 
+def test_open_drone_id_has_its_transmitter_on_the_link_autopilot_unless_told_otherwise() -> None:
+    listed = NEW | {"DID_ENABLE": 0.0, "DID_MAVPORT": -1.0}
+    assert parameters.start_values("a/b", IRIS, {"DID_ENABLE": 1.0}, listed, 0)["DID_MAVPORT"] == 0.0
+    assert parameters.start_values("a/b", IRIS, {"DID_MAVPORT": 2.0}, listed, 0)["DID_MAVPORT"] == 2.0
+
+
 @pytest.mark.parametrize(
     ("values", "steps"),
     [

@@ -406,3 +406,16 @@ def test_bad_settings_are_named_all_at_once() -> None:
         Broadcast("blue/b1", uas_id="NO-SERIAL", profile="usa", transports=("wifi", "bt4", "bluetooth"), text="x" * 24)
     assert [fault.where for fault in error.value.faults] == ["profile", "transports", "transports", "uas_id", "text"]
     assert "us" in error.value.faults[0].hint
+
+
+def test_a_receiver_that_knows_no_geoid_is_helped_by_the_chart() -> None:
+    """ArduPilot says the same for both heights where its receiver tells no geoid, as GPS_INPUT cannot."""
+    same = gps()
+    same.alt_ellipsoid = same.alt
+    for chart_m, geoid_m in ((-33.0, -33.0), (0.0, 0.0)):
+        beliefs = Beliefs(np.array([1]), chart_m)
+        beliefs.update(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), Payloads.of([Packer(1, 1).pack(same)]))
+        assert beliefs.table["geoid_m"][0] == geoid_m
+    told = Beliefs(np.array([1]), -33.0)
+    told.update(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), Payloads.of([Packer(1, 1).pack(gps())]))
+    assert told.table["geoid_m"][0] == pytest.approx((gps().alt_ellipsoid - gps().alt) * 1e-3)

@@ -10,6 +10,8 @@ from skyrange.core.errors import InputError
 from skyrange.radio.receivers import PROFILES
 from skyrange.remoteid.profiles import TRANSPORTS
 from skyrange.scenario.air import Radio, Receiver, ReceiverKind, RemoteId
+from skyrange.scenario.load import build
+from skyrange.scenario.medium import broadcast_of
 
 
 def test_every_kind_of_receiver_can_be_named_but_none() -> None:
@@ -33,3 +35,27 @@ def test_bluetooth_is_both_kinds_and_others_are_unknown() -> None:
         RemoteId(transports=("bluetooth", "bt5"))
     with pytest.raises(InputError, match="wifi_nan"):
         RemoteId(transports=("wifi_nann",))
+
+
+@pytest.mark.parametrize(
+    ("own", "shared", "then"), [(None, None, False), (1, None, True), (None, 1, True), (0, 1, False)]
+)
+def test_did_enable_makes_the_companion_the_autopilots_transmitter(
+    own: float | None, shared: float | None, then: bool
+) -> None:
+    """For one aircraft or all of an operator's."""
+    params = [{} if value is None else {"DID_ENABLE": value} for value in (own, shared)]
+    plan = {"path": {"points": [[0, 10]], "alt_m": 5}}
+    scenario = build(
+        {
+            "name": "did",
+            "duration_s": 1,
+            "origin": {"lat": 40.0, "lon": -74.0},
+            "radio": {},
+            "operators": [
+                {"id": "op", "params": params[1], "vehicles": [{"id": "a1", "plan": plan, "params": params[0]}]}
+            ],
+        }
+    )
+    (operator,) = scenario.operators
+    assert broadcast_of(operator, operator.vehicles[0], scenario).of_autopilot is then

@@ -32,6 +32,7 @@ BELIEF: Final = np.dtype(
         ("time_boot_ms", "i8"),  # its clock at that SYSTEM_TIME
         ("fix", "i8"),  # GPS_FIX_TYPE
         ("geoid_m", "f8"),  # ellipsoid height less mean sea level, by its receiver; NaN unknown
+        ("chart_m", "f8"),  # the same by the computer's own chart, for receivers that know of none
         ("place_acc_m", "f8"), ("up_acc_m", "f8"), ("speed_acc_mps", "f8"),  # NaN unknown
         ("boot_ms", "i8"),  # its clock at the position below
         ("lat_e7", "i8"), ("lon_e7", "i8"), ("alt_msl_m", "f8"), ("above_home_m", "f8"),
@@ -48,12 +49,16 @@ BELIEF: Final = np.dtype(
 class Beliefs:
     """The beliefs of many aircraft: `table` by place. Deep-copyable."""
 
-    def __init__(self, systems: Ints) -> None:
-        """`systems` (n,): MAVLink system ids; what another system or component sends is not believed."""
+    def __init__(self, systems: Ints, chart_m: float = 0.0) -> None:
+        """`systems` (n,): MAVLink system ids; what another system or component sends is not believed.
+
+        `chart_m` is the geoid where they fly.
+        """
         self.systems = systems
         self.table: NDArray[Any] = np.zeros(len(systems), dtype=BELIEF)
         for name in ("beat_ns", "time_ns", "gnss_ns", "place_ns", "home_ns", "goal_ns", "own_ns", "boot_utc_us"):
             self.table[name] = -1
+        self.table["chart_m"] = chart_m
         for name in ("geoid_m", "place_acc_m", "up_acc_m", "speed_acc_mps"):
             self.table[name] = np.nan
 
@@ -99,8 +104,10 @@ def _gps_raw_int(table: Any, at: Ints, when: Ints, told: Any) -> None:
     table["gnss_ns"][at] = when
     table["fix"][at] = told["fix_type"]
     both = (told["alt_ellipsoid"] != 0) & (told["fix_type"] >= mav.GPS_FIX_TYPE_3D_FIX)
+    # both heights equal: a receiver that knows no geoid, as ArduPilot's by GPS_INPUT (AP_GPS.cpp, `have_undulation`)
+    undulation_m = (told["alt_ellipsoid"].astype(np.float64) - told["alt"]) * 1e-3
     table["geoid_m"][at] = np.where(
-        both, (told["alt_ellipsoid"].astype(np.float64) - told["alt"]) * 1e-3, table["geoid_m"][at]
+        both, np.where(undulation_m != 0.0, undulation_m, table["chart_m"][at]), table["geoid_m"][at]
     )
     for name, field in (("place_acc_m", "h_acc"), ("up_acc_m", "v_acc"), ("speed_acc_mps", "vel_acc")):
         table[name][at] = np.where(told[field] > 0, told[field] * 1e-3, np.nan)  # 0: an extension that was not sent

@@ -71,7 +71,7 @@ class Companion:
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._origin = origin
         self._packers = [Packer(spec.system_id, wire.COMPONENT) for spec in self.specs]
-        self._beliefs = Beliefs(np.array([spec.system_id for spec in self.specs], dtype=np.int64))
+        self._beliefs = Beliefs(np.array([spec.system_id for spec in self.specs], dtype=np.int64), origin.geoid_m)
         self._broadcaster = Broadcaster([spec.broadcast for spec in self.specs], chance)
         self.tracks = TrackTable(count, origin)
         self._refs = RefBook()
