@@ -47,7 +47,8 @@ def test_squares_completes_as_published(squares: Path) -> None:
     for vehicle in facts["vehicles"]:
         # up 5 m, four sides, down 5 m; corners are rounded by at most the waypoint radius, overshoot is small
         assert vehicle["distance_m"] == pytest.approx(10 + 4 * sides[vehicle["id"]], rel=0.25)
-        assert vehicle["highest_m"] == pytest.approx(5.0, abs=0.5)
+        # the barometer wanders by some decimetres; ArduCopter itself flies this scenario at up to 4.8 to 5.4 m
+        assert vehicle["highest_m"] == pytest.approx(5.0, abs=0.6)
     lift_offs = {
         row["about"]: row["time_ns"] for row in record.table("events").to_pylist() if row["kind"] == "event.takeoff"
     }

@@ -264,15 +264,15 @@ def test_a_taken_port_ends_it_before_anything_is_written(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("options", "speed", "first"),
     [
-        ([], 0.0, None),
-        (["--qgc"], 1.0, 5763),
+        ([], None, None),  # the run's own choice
+        (["--qgc"], None, 5763),
         (["--qgc", "--speed", "0"], 0.0, 5763),
         (["--qgc", "--speed", "4"], 4.0, 5763),
-        (["--viewer-port", "15763"], 1.0, 15763),
+        (["--viewer-port", "15763"], None, 15763),
     ],
 )
 def test_watched_runs_are_paced_at_real_time_unless_told(
-    options: list[str], speed: float, first: int | None, monkeypatch: pytest.MonkeyPatch
+    options: list[str], speed: float | None, first: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: dict[str, Any] = {}
 

@@ -490,6 +490,8 @@ def test_what_is_for_others_is_ignored(flights: dict[str, Range], number: int) -
                 values[name] = b"RTL_ALT"
             if name == "q":
                 values[name] = [1.0, 0.0, 0.0, 0.0]
+            if name in ("id_or_mac", "uas_id"):
+                values[name] = [0] * 20
         if "command" in values:
             values["command"] = A.MAV_CMD_NAV_LAND
         assert answers(r, kind(**values)) == []

@@ -36,7 +36,9 @@ def flown(folder: Path, paths: np.ndarray, power_w: float, notes: list[tuple[int
             "on_ground": (places[:, 2] <= 0) * 1.0,
             "battery_v": np.full(2, 10.0), "battery_a": np.full(2, power_w / 10.0),
         }  # fmt: skip
-        world: Any = SimpleNamespace(vehicles=list(FLEET), truth=lambda columns=columns: columns)
+        world: Any = SimpleNamespace(
+            vehicles=list(FLEET), sources=["dynamic"] * 2, truth=lambda columns=columns: columns
+        )
         recorder.on_truth(tick * S, world)
     for at, note in notes:
         recorder.on_note(at, "gcs", note)
@@ -217,7 +219,9 @@ def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:
     recorder = Recorder.open(tmp_path / "run", {"vehicles": [{"id": "a/1", "operator": "a"}]}, truth_hz=1.0)
     for tick in range(3):
         columns = {"east_m": np.array([tick * 2.0]), "north_m": np.zeros(1), "up_m": np.ones(1)}
-        world: Any = SimpleNamespace(vehicles=["a/1"], truth=lambda columns=columns: columns, sensors=None)
+        world: Any = SimpleNamespace(
+            vehicles=["a/1"], sources=["dynamic"], truth=lambda columns=columns: columns, sensors=None
+        )
         recorder._state.sensors_due = 10**18
         recorder.on_truth(tick * S, world)
     recorder.close()
