@@ -35,7 +35,7 @@ from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import MOTORS
 
 QUANTUM_NS: Time = 2_500_000
-"""The world's tick; the first exchange tells whether it is."""
+"""The world's tick; in lockstep another is refused."""
 WARM_UP_NS: Time = 45 * NS_PER_S
 """Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
 PRIVATE = 1

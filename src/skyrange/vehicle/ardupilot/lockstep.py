@@ -15,6 +15,7 @@ import numpy as np
 from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
 from skyrange.agent.messages import Inbox, Outbox
 from skyrange.codec.mavlink import Message
+from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.io.sitl import LockstepSitl, wall_s
@@ -57,6 +58,9 @@ class LockstepFleet(Fleet):
         super().__init__(name, specs, origin, epoch, options)
         self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])
         self._steppers: list[_Stepper] = []
+        self._tick: Time | None = None
+        self._force, self._felt = np.zeros((len(specs), 3)), np.zeros(len(specs), dtype=np.int64)
+        """Sum of the specific forces since each one's last exchange, and of how many ticks."""
         self._motion: Motion | None = None
         """At the last tick."""
         self._lines: dict[tuple[int, int], list[bytes]] = {}
@@ -97,7 +101,15 @@ class LockstepFleet(Fleet):
             self._start(tick, sensors)
             self._come_up()
         self._hand_over(sensors, inbox)
+        if self._tick is not None and tick - self._tick != QUANTUM_NS:
+            raise ComponentError(
+                f"engine {self.name}", f"a tick of {tick - self._tick} ns", f"It flies in a world of {QUANTUM_NS} ns"
+            )
+        self._tick = tick
         after = motion_of(sensors, self._home_up_m)
+        self._force += after.accel_mps2
+        self._felt += 1
+        after = after._replace(accel_mps2=self._force / self._felt[:, None])  # the mean since its last exchange
         before, self._motion = (self._motion if self._motion is not None else after), after
         alive = [row for row, one in enumerate(self._instances) if one.alive]
         due = [row for row in alive if (tick // QUANTUM_NS) % self._steppers[row].ticks == 0]
@@ -107,6 +119,7 @@ class LockstepFleet(Fleet):
                 stamps = [stamp_s(one.steps + turn + 1, one.step_ns) for one in self._steppers]
                 self._lines[per_tick, turn] = lines(stamps, between(before, after, (turn + 1) / per_tick))
         self._due = due
+        self._force[due], self._felt[due] = 0.0, 0
         for row in due:
             self._send(row, 0)
 
