@@ -1,8 +1,9 @@
-"""Is there an arducopter to test with? `needs_arducopter` skips a test, with the reason, where there is none."""
+"""Is there an arducopter to test with, and which processes of it run? Without one `needs_arducopter` skips a test."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
@@ -25,3 +26,36 @@ needs_arducopter = pytest.mark.skipif(ARDUCOPTER is None, reason=f"no arducopter
 
 NAMED = bool(os.environ.get(VARIABLE))
 """Whether the variable says that there is one."""
+
+
+def programs() -> set[int]:
+    """The process ids of all ArduPilots that descend from us, and of orphans."""
+    parents, found = {}, set()
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / "cmdline").read_bytes().split(b"\0")
+                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
+            except OSError:
+                continue
+            parents[int(entry.name)] = int(parent)
+            if command[1:2] == [b"--model"] and state != "Z":
+                found.add(int(entry.name))
+
+    def ours(pid: int) -> bool:
+        above = parents.get(pid, 0)
+        return above == os.getpid() or (above > 1 and ours(above))
+
+    return {pid for pid in found if parents[pid] == 1 or ours(pid)}
+
+
+def listening(pids: set[int]) -> set[str]:
+    """Sockets of these processes that listen on TCP."""
+    theirs = {os.readlink(link) for pid in pids for link in Path(f"/proc/{pid}/fd").iterdir() if os.path.islink(link)}
+    found = set()
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == "0A":  # LISTEN
+                found.add(f"socket:[{fields[9]}]")
+    return theirs & found

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import load
 from skyrange.runtime.run import Run
 from skyrange.scenario.load import build
-from tests.ardupilot import needs_arducopter
+from tests.ardupilot import listening, needs_arducopter, programs
 
 pytestmark = [pytest.mark.integration, needs_arducopter]
 
@@ -50,29 +49,6 @@ def scenario(duration_s: float = 70.0, seed: int = 3, **changes: Any) -> Any:
             **changes,
         }
     )
-
-
-def programs() -> set[int]:
-    """The process ids of all ArduPilots of this machine that run."""
-    found = set()
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                command = (entry / "cmdline").read_bytes().split(b"\0")
-                state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
-            except OSError:
-                continue
-            if b"--model" in command and any(part.startswith(b"JSON:") for part in command) and state != "Z":
-                found.add(int(entry.name))
-    return found
-
-
-@pytest.fixture
-def before() -> Iterator[set[int]]:
-    """The ArduPilots of others; at the end none of ours is left."""
-    others = programs()
-    yield others
-    assert programs() - others == set()
 
 
 @pytest.fixture(scope="module")
@@ -110,20 +86,8 @@ def test_nothing_of_it_listens_on_tcp(tmp_path: Path, before: set[int]) -> None:
     run = Run.start(scenario(), tmp_path / "run")
     try:
         run.advance(-40.0 + 45.0)  # booted
-        sockets = {
-            os.readlink(link)
-            for pid in programs() - before
-            for link in Path(f"/proc/{pid}/fd").iterdir()
-            if os.path.islink(link)
-        }
-        listening = set()
-        for table in ("tcp", "tcp6"):
-            for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
-                fields = line.split()
-                if fields[3] == "0A":  # LISTEN
-                    listening.add(f"socket:[{fields[9]}]")
         assert programs() - before
-        assert sockets & listening == set()
+        assert listening(programs() - before) == set()
     finally:
         run.finish()
 
@@ -197,6 +161,21 @@ def test_a_parameter_that_no_firmware_has_is_named_before_anything_starts(tmp_pa
     assert "WPNAV_SPED" in told
     assert "WPNAV_SPEED" in told
     assert "GPS1_TYPE" in told
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_parameter_that_the_firmware_does_not_take_is_named_before_anything_starts(
+    tmp_path: Path, before: set[int]
+) -> None:
+    wrong = scenario()
+    fleet = wrong.operators[0].vehicles
+    fleet[1].params.update({"FS_GCS_ENABLE": 300.0, "FS_OPTIONS": 1.5, "ATC_ANG_RLL_P": 4.75})
+    with pytest.raises(InputError) as caught:
+        Run.start(wrong, tmp_path / "run")
+    told = {fault.where: fault for fault in caught.value.faults}
+    assert told.keys() == {"op/a2.params.FS_GCS_ENABLE", "op/a2.params.FS_OPTIONS"}
+    assert told["op/a2.params.FS_OPTIONS"].value == "1.5"
+    assert "makes 1 of it" in told["op/a2.params.FS_OPTIONS"].expected
     assert not (tmp_path / "run").exists()
 
 

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.runtime.run import Run
 from skyrange.scenario.load import build
-from tests.ardupilot import needs_arducopter
+from tests.ardupilot import listening, needs_arducopter, programs
 
 pytestmark = [pytest.mark.integration, needs_arducopter]
 
@@ -57,41 +56,6 @@ def scenario(duration_s: float = 80.0, head_on: bool = False, **changes: Any) ->
             "autopilots": {"options": options, "on_silent": "continue"},
         }
     )
-
-
-def programs() -> set[int]:
-    """The process ids of ArduPilot's own quadcopters that we started, and of orphans."""
-    found = set()
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                command = (entry / "cmdline").read_bytes().split(b"\0")
-                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
-            except OSError:
-                continue
-            if command[1:3] == [b"--model", b"x"] and state != "Z" and int(parent) in (os.getpid(), 1):
-                found.add(int(entry.name))
-    return found
-
-
-@pytest.fixture
-def before() -> Iterator[set[int]]:
-    """Those of others; at the end none of ours is left."""
-    others = programs()
-    yield others
-    assert programs() - others == set()
-
-
-def listening(pids: set[int]) -> set[str]:
-    """Sockets of these processes that listen on TCP."""
-    theirs = {os.readlink(link) for pid in pids for link in Path(f"/proc/{pid}/fd").iterdir() if os.path.islink(link)}
-    found = set()
-    for table in ("tcp", "tcp6"):
-        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
-            fields = line.split()
-            if fields[3] == "0A":  # LISTEN
-                found.add(f"socket:[{fields[9]}]")
-    return theirs & found
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +151,8 @@ def test_none_outlives_skyrange_stopped_or_not(tmp_path: Path, before: set[int])
         "import time\n"
         "from pathlib import Path\n"
         "from skyrange.runtime.run import Run\n"
-        "from tests.integration.test_ardupilot_native import programs, scenario\n"
+        "from tests.ardupilot import programs\n"
+        "from tests.integration.test_ardupilot_native import scenario\n"
         f"run = Run.start(scenario(), Path({str(tmp_path / 'run')!r}))\n"
         "run.advance(0.5)\n"
         "print(*programs(), flush=True)\n"

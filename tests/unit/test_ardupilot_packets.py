@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from skyrange.agent.contracts import Sensors
-from skyrange.vehicle.ardupilot.packets import Motion, between, commands_of, lines, motion_of, stamp_s
+from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, lines, motion_of, stamp_s
 from skyrange.world import Body, World
 
 
@@ -54,7 +54,7 @@ def test_halfway_between_two_attitudes_is_half_the_turn_whatever_their_signs() -
     def standing(yaw_deg: float, sign: float) -> Motion:
         half = math.radians(yaw_deg) / 2
         attitude = sign * np.array([[math.cos(half), 0.0, 0.0, math.sin(half)]])
-        return Motion(np.zeros((1, 3)), np.ones((1, 3)), np.array([yaw_deg]), attitude, np.zeros(1))
+        return Motion(np.column_stack((np.zeros((1, 3)), np.ones((1, 3)), [yaw_deg], attitude, [0.0])))
 
     for sign in (1.0, -1.0):
         middle = between(standing(10.0, 1.0), standing(14.0, sign), 0.5)
@@ -62,6 +62,16 @@ def test_halfway_between_two_attitudes_is_half_the_turn_whatever_their_signs() -
         assert middle.down_m[0] == 12.0
         whole = between(standing(10.0, 1.0), standing(14.0, sign), 1.0)
         assert euler(whole.attitude[0])[2] == pytest.approx(14.0, abs=1e-9)
+
+
+def test_who_is_asked_in_every_second_tick_feels_the_mean_of_both() -> None:
+    mean, felt = MeanForce(2), []
+    for force in (2.0, 4.0, 6.0, 8.0):
+        motion = Motion(np.zeros((2, 12)))
+        mean.feel(np.full((2, 3), -force))
+        mean.put(motion, [0, 1] if force in (4.0, 8.0) else [0])
+        felt.append(motion.accel_mps2[:, 2].tolist())
+    assert felt == [[2.0, 2.0], [4.0, 3.0], [6.0, 6.0], [8.0, 7.0]]
 
 
 def test_a_line_is_json_with_a_line_feed_on_both_sides_and_no_blank_before_a_bracket() -> None:

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import tempfile
 import time
 from collections.abc import Mapping
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from skyrange.bench.apart import apart
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.bench.yardstick import yardstick_us
-from skyrange.core.errors import ComponentError
 from skyrange.core.time import to_seconds
 from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
+from skyrange.scenario.autopilots import Autopilots
 from skyrange.scenario.schema import (
     Avoidance,
     City,
@@ -52,11 +51,13 @@ def fleet_scenario(
     remote_id: bool = False,
     autopilot: str = "builtin",
     params: Mapping[str, float] | None = None,
+    options: Mapping[str, Any] | None = None,
 ) -> Scenario:
     """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
 
     `load` is the telemetry that ground stations ask for, a profile of `gcs.streams`. With `remote_id` each goes round a
-    block of a downtown, broadcasts over Wi-Fi each second, hears the others and would avoid them.
+    block of a downtown, broadcasts over Wi-Fi each second, hears the others and would avoid them. `params` are
+    everyone's parameters, `options` those of the autopilot's kind.
     """
     # a third more than the time asks for, because corners are cut
     path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
@@ -95,6 +96,7 @@ def fleet_scenario(
         operators=tuple(operators),
         city=_downtown(columns, side_m) if remote_id else None,
         radio=Radio(horizon_m=HORIZON_M, city_busy=0.2) if remote_id else None,
+        autopilots=Autopilots.model_validate({"options": {autopilot: dict(options)}} if options else {}),
     )
 
 
@@ -115,21 +117,10 @@ def measure(vehicles: int, seconds: float, load: str = "light", remote_id: bool 
     simulated second over all hops, `receptions_per_s` broadcasts that were decoded; `disk_mb` the finished run folder;
     `share` the share of CPU time per part.
     """
-    context = multiprocessing.get_context("spawn")  # a clean process: nothing of the caller's memory
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_worker, args=(sender, vehicles, seconds, load, remote_id))
-    process.start()
-    sender.close()
-    try:
-        row: dict[str, Any] = receiver.recv()
-    except EOFError:
-        process.join()
-        raise ComponentError(f"bench with {vehicles} aircraft", f"ended with exit code {process.exitcode}") from None
-    process.join()
-    return row
+    return apart(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id)
 
 
-def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str, remote_id: bool) -> None:
+def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool) -> dict[str, Any]:
     base_mb = peak_memory_mb()
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
@@ -147,7 +138,7 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str, r
         run.finish()
         finalise_s = time.perf_counter() - began
         record = load(Path(folder) / "run")
-        row = {
+        return {
             "vehicles": vehicles,
             "seconds": seconds,
             "load": telemetry,
@@ -167,8 +158,6 @@ def _worker(answer: Connection, vehicles: int, seconds: float, telemetry: str, r
             "disk_mb": round(sum(f.stat().st_size for f in record.path.rglob("*") if f.is_file()) / 1e6, 2),
             "share": sampler.shares(),
         }
-    answer.send(row)
-    answer.close()
 
 
 def flying(record: Any) -> int:

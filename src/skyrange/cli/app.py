@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import commands
+from skyrange.cli import commands, parity
 
 app = typer.Typer(
     name="skyrange",
@@ -28,6 +28,11 @@ install_app = typer.Typer(
     no_args_is_help=True,
 )
 app.add_typer(install_app, name="install")
+parity_app = typer.Typer(
+    help="Compare the builtin autopilot with ArduPilot.\n\nExample: skyrange parity gnss --out runs/gnss",
+    no_args_is_help=True,
+)
+app.add_typer(parity_app, name="parity")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
@@ -61,6 +66,13 @@ class Rates(StrEnum):
 
     FULL = "full"
     REDUCED = "reduced"
+
+
+class Physics(StrEnum):
+    """Whose forces move the ArduPilots of the benchmark."""
+
+    SHARED = "shared"
+    NATIVE = "native"
 
 
 class Load(StrEnum):
@@ -297,10 +309,16 @@ def ardupilots(
     rates: Annotated[
         Rates, typer.Option(metavar="RATES", help="Loop rates: full, ArduCopter's own 400 Hz, or reduced, 100 Hz.")
     ] = Rates.FULL,
+    physics: Annotated[
+        Physics, typer.Option(metavar="KIND", help="shared, our world in lockstep, or native, ArduPilot's simulation.")
+    ] = Physics.SHARED,
+    speedup: Annotated[
+        float, typer.Option(metavar="X", min=0.1, max=100.0, help="With native physics: times real time.")
+    ] = 1.0,
     as_json: AsJson = False,
 ) -> None:
     """Fly N ArduPilots on missions with everything recorded: real-time factor, processor time, theirs and ours."""
-    commands.bench_ardupilot(vehicles or [1, 5, 20], seconds, load.value, rates.value, as_json)
+    commands.bench_ardupilot(vehicles or [1, 5, 20], seconds, load.value, rates.value, physics.value, speedup, as_json)
 
 
 @bench_app.command(epilog="Example: skyrange bench radio --nodes 1000 --json")
@@ -317,3 +335,46 @@ def radio(
 ) -> None:
     """Broadcast once a second from N aircraft over a city of their own size: what the air costs, and what of it."""
     commands.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, as_json)
+
+
+@parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")
+def flight(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME|FILE",
+            help="A shipped scenario's name or a TOML file.",
+            autocompletion=_complete_scenario,
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="A folder for both runs. Default: runs/NAME-parity, then -2 …"),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly a scenario with all aircraft under each of the two: modes, legs, heights, speeds, attitudes, deviations."""
+    parity.flight(scenario, out, changes or [], as_json)
+
+
+@parity_app.command(epilog="Example: skyrange parity gnss --out runs/gnss --json")
+def gnss(
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="A folder for the run. Default: runs/gnss-reactions, then -2 …"),
+    ] = None,
+    rates: Annotated[
+        Rates,
+        typer.Option(metavar="RATES", help="Loop rates of ArduPilot: reduced, 100 Hz, or full, 400 Hz; takes longer."),
+    ] = Rates.REDUCED,
+    as_json: AsJson = False,
+) -> None:
+    """Deceive both in a hundred ways, by jumps and drifts of GNSS: same outcome? reset at the same time?"""
+    parity.gnss(out, rates.value, as_json)

@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from skyrange.study.pairing import Pair
 
 
-def _print_json(data: Any) -> None:
+def print_json(data: Any) -> None:
+    """For scripts: one JSON value on standard output."""
     unicode = "utf" in (sys.stdout.encoding or "").lower()
     print(json.dumps(data, indent=2, ensure_ascii=not unicode, allow_nan=False))
 
 
-def _console() -> Console:
+def terminal() -> Console:
+    """For people: where tables go."""
     from rich.console import Console
 
     return Console(highlight=False)
@@ -60,7 +62,7 @@ def run(
             shortfall, record = error, load_run(error.path)
     facts = summary(record)
     if as_json:
-        _print_json(facts)
+        print_json(facts)
     else:
         _print_summary(facts)
     if shortfall is not None:
@@ -95,7 +97,7 @@ def pair(
         effects = made.effects.to_pylist()
         found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in made.intervals().items()}
         folder = {"path": str(made.path), "report": str(made.report)}
-        _print_json({**made.manifest, **folder, "effects": effects, "intervals": found})
+        print_json({**made.manifest, **folder, "effects": effects, "intervals": found})
     else:
         _print_pair(made)
 
@@ -104,7 +106,7 @@ def _print_pair(made: Pair) -> None:
     """The aircraft that departed from the twin, or that none did."""
     from rich.table import Table
 
-    console = _console()
+    console = terminal()
     rows = [row for row in made.effects.to_pylist() if row["against"] == made.reference]
     own = [row for row in rows if row["seed"] == made.seeds[0] and row["departed_s"] is not None]
     table = Table(
@@ -165,7 +167,7 @@ def show(folder: Path, as_json: bool) -> None:
 
     facts = summary(load(folder))
     if as_json:
-        _print_json(facts)
+        print_json(facts)
     else:
         _print_summary(facts)
 
@@ -174,7 +176,7 @@ def _print_summary(facts: dict[str, Any]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    console = _console()
+    console = terminal()
     title = f"{escape(facts['name'])} · {facts['status']}"
     rows = facts["vehicles"]
     if len(rows) > MOST_AIRCRAFT:
@@ -260,7 +262,7 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     except OSError as error:
         raise InputError.one("--out", "file", str(path), f"a file that can be written ({error.strerror})") from None
     if as_json:
-        _print_json({"report": str(path), "bytes": path.stat().st_size})
+        print_json({"report": str(path), "bytes": path.stat().st_size})
     else:
         print(path)
 
@@ -283,7 +285,7 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
     if only != "remote_id":
         made["mavlink"] = captures.mavlink(record, target / captures.MAVLINK)
     if as_json:
-        _print_json({name: {**one._asdict(), "path": str(one.path)} for name, one in made.items()})
+        print_json({name: {**one._asdict(), "path": str(one.path)} for name, one in made.items()})
         return
     for one in made.values():
         print(f"{one.packets:>9,} packets  {one.path}")
@@ -298,7 +300,7 @@ def diff(a: Path, b: Path, as_json: bool) -> None:
 
     difference = compare(load(a), load(b))
     if as_json:
-        _print_json(difference.to_dict())
+        print_json(difference.to_dict())
     else:
         print(difference)
 
@@ -308,7 +310,7 @@ def scenarios(as_json: bool) -> None:
     from skyrange.scenario.catalogue import SHIPPED
 
     if as_json:
-        _print_json([{"name": name, "about": about} for name, about in SHIPPED.items()])
+        print_json([{"name": name, "about": about} for name, about in SHIPPED.items()])
         return
     width = max(map(len, SHIPPED))
     for name, about in SHIPPED.items():
@@ -319,7 +321,7 @@ def schema() -> None:
     """`skyrange schema`."""
     from skyrange.scenario.schema import json_schema
 
-    _print_json(json_schema())
+    print_json(json_schema())
 
 
 def doctor(as_json: bool) -> None:
@@ -328,7 +330,7 @@ def doctor(as_json: bool) -> None:
 
     findings = examine()
     if as_json:
-        _print_json([finding.to_dict() for finding in findings])
+        print_json([finding.to_dict() for finding in findings])
     else:
         for finding in findings:
             print(f"{'ok ' if finding.ok else '-- ' if finding.optional else '!! '} {finding.subject}: {finding.found}")
@@ -349,7 +351,7 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
     binary = made.binary
     facts = {"version": binary.version, "path": str(binary.path), "sha256": binary.sha256, "from": made.origin}
     if as_json:
-        _print_json(facts)
+        print_json(facts)
     else:
         print(f"installed ArduCopter {binary.version}")
         for key in ("path", "sha256", "from"):
@@ -381,28 +383,31 @@ def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, remote_id: b
                 flush=True,
             )
     if as_json:
-        _print_json(rows)
+        print_json(rows)
 
 
-def bench_ardupilot(vehicles: Sequence[int], seconds: float, load: str, rates: str, as_json: bool) -> None:
+def bench_ardupilot(
+    vehicles: Sequence[int], seconds: float, load: str, rates: str, physics: str, speedup: float, as_json: bool
+) -> None:
     """`skyrange bench ardupilot`."""
     from skyrange.bench.ardupilot import measure
 
     rows = []
     if not as_json:
         heads = f"{'aircraft':>8} {'loop Hz':>7} {'× real time':>11} {'ArduPilots cpu s':>16} {'ours cpu s':>10}"
-        print(f"{heads} {'over bare':>9} {'per core':>8}")
+        print(f"{heads} {'bare cpu s':>10} {'ours/bare':>9} {'per core':>8}")
     for count in vehicles:
-        row = measure(count, seconds, load, rates)
+        row = measure(count, seconds, load, rates, physics, speedup)
         rows.append(row)
         if not as_json:
             print(
                 f"{count:>8} {row['loop_hz']:>7.0f} {row['real_time_factor']:>11.2f} {row['autopilots_cpu_s']:>16.2f} "
-                f"{row['ours_cpu_s']:>10.2f} {row['over_bare']:>9.2f} {row['per_core']:>8.1f}",
+                f"{row['ours_cpu_s']:>10.2f} {row['bare_cpu_s']:>10.2f} {row['ours_over_bare']:>9.2f} "
+                f"{row['per_core']:>8.1f}",
                 flush=True,
             )
     if as_json:
-        _print_json(rows)
+        print_json(rows)
 
 
 def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json: bool) -> None:
@@ -424,4 +429,4 @@ def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json:
                 flush=True,
             )
     if as_json:
-        _print_json(rows)
+        print_json(rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 
 from skyrange.core.time import Time, to_seconds
 
@@ -20,22 +21,36 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
         yield None
     elif sys.stderr.isatty():
         from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[at]}"), TimeElapsedColumn())
+        said, at = TextColumn("{task.description}"), TextColumn("{task.fields[at]}")
+        columns = (said, BarColumn(), at, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
         with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
             task = bar.add_task(name, total=None, at="starting")
 
             def show(now: Time, end: Time) -> None:
-                at = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s"
-                bar.update(task, total=end, completed=now, at=at if now < end else "writing the record")
+                at = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s" if now < end else "writing the record"
+                if now < 0:
+                    at = f"autopilots boot, {-to_seconds(now):.0f} s to go"
+                bar.update(task, total=end, completed=max(now, 0), at=at)
 
             yield show
     else:
         tenth = -1
+        boot: tuple[float, Time] | None = None
 
         def tell(now: Time, end: Time) -> None:
-            nonlocal tenth
+            nonlocal tenth, boot
+            if now < 0:
+                if boot is None:
+                    boot = monotonic(), now
+                    print(f"{name}: autopilots boot, {-to_seconds(now):.0f} s to go", file=sys.stderr, flush=True)
+                return
+            if boot is not None:
+                share = (monotonic() - boot[0]) / -to_seconds(boot[1])
+                about = f"{share * to_seconds(end):.0f} s at that pace"
+                print(f"{name}: booted, {share:.1f} s for each simulated one: {about}", file=sys.stderr, flush=True)
+                boot = None
             reached = 10 * now // end
             if reached > tenth:
                 tenth = reached

@@ -24,6 +24,7 @@ from skyrange.core.errors import ComponentError
 OUTPUT = "output.txt"
 """What a program says, both streams, in its folder."""
 _PR_SET_PDEATHSIG = 1
+_PR_SET_TIMERSLACK = 29
 _TAIL_BYTES = 4096
 _FILES_BESIDE = 256
 """Files that everything else may open later."""
@@ -52,8 +53,12 @@ def _prctl() -> ctypes.CDLL | None:
 class Program:
     """A running child process. Its keyboard is closed, and Ctrl-C on ours does not reach it: it is ended by `kill`."""
 
-    def __init__(self, name: str, command: Sequence[str], folder: Path) -> None:
-        """Start `command` in `folder`, which exists. `ComponentError` where it cannot be started."""
+    def __init__(self, name: str, command: Sequence[str], folder: Path, *, slack_s: float | None = None) -> None:
+        """Start `command` in `folder`, which exists. `ComponentError` where it cannot be started.
+
+        With `slack_s` its sleeps may last so much longer than it asks for, on Linux: one that polls takes less of the
+        processor.
+        """
         self.name = name
         self._output = folder / OUTPUT
         library, parent = _prctl(), os.getpid()
@@ -61,6 +66,8 @@ class Program:
         def bind_to_us() -> None:
             if library is not None:
                 library.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+                if slack_s is not None:
+                    library.prctl(_PR_SET_TIMERSLACK, round(slack_s * 1e9))
                 if os.getppid() != parent:  # we died in between
                     os._exit(1)
 

@@ -13,7 +13,7 @@ from typing import Any, cast
 from skyrange.agent.contracts import Observer
 from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
-from skyrange.core.time import Time, from_seconds, to_seconds
+from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
@@ -25,7 +25,9 @@ from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, engines_told, wire
 
 OnProgress = Callable[[Time, Time], None]
-"""Called with (simulated now, simulated end) between steps."""
+"""Called with (simulated now, simulated end) between steps; `now` is negative while autopilots boot."""
+BOOT_STEP_NS: Time = NS_PER_S
+"""How much a run advances between two looks at Ctrl-C while autopilots boot."""
 
 
 class Run:
@@ -123,10 +125,11 @@ class Run:
             began = time.perf_counter()
             try:
                 while self.kernel.now < end and not interrupt.requested:
-                    self.kernel.advance(min(max(self.kernel.now, 0) + pace.step_ns, end))
-                    pace.wait(self.kernel.now)
+                    self.kernel.advance(self._next(pace.step_ns, end))
+                    if self.kernel.now >= 0:
+                        pace.wait(self.kernel.now)
                     if on_progress is not None:
-                        on_progress(self.now, end)
+                        on_progress(self.kernel.now, end)
             except Exception as error:  # whatever broke, the record says so
                 self._wall_s += time.perf_counter() - began
                 self._fail(str(error) if isinstance(error, SkyrangeError) else repr(error))
@@ -139,6 +142,11 @@ class Run:
                 f"what was recorded is in {self.recorder.path}",
                 self.recorder.path,
             )
+
+    def _next(self, step_ns: Time, end: Time) -> Time:
+        """Where the next stretch ends; engines that boot before 0 do so in stretches of their own."""
+        now = self.kernel.now
+        return min(now + BOOT_STEP_NS, 0) if now < -1 else min(max(now, 0) + step_ns, end)
 
     def finish(self, status: str = "complete", lag_s: float = 0.0) -> None:
         """Close the record at the time reached. Idempotent."""

@@ -7,7 +7,7 @@ process is the link `autopilot`; port 1 is private: GNSS goes in, and what it te
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -145,15 +145,21 @@ class Fleet(ABC):
         """Start a process; `arguments` are those that every `Sitl` takes."""
 
     def _check(self) -> None:
-        """Raise `InputError` with every parameter of every aircraft that is wrong."""
+        """Raise `InputError` with every parameter of every aircraft that is wrong, or that the firmware refuses."""
         faults = []
         for spec in self._specs:
             try:
-                self._values(spec, 0)
+                text = parameters.text_of(self._values(spec, 0))
+                found = [*self._refused(spec, text)] if spec.params else []
             except InputError as error:
-                faults += [Fault(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+                found = list(error.faults)
+            faults += [Fault(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in found]
         if faults:
             raise InputError(f"autopilot {self.name}", faults)
+
+    def _refused(self, spec: VehicleSpec, text: str) -> Iterator[Fault]:
+        told = parameters_of(self.binary.path, self.binary.sha256, text)
+        return parameters.refused(spec.params, self._listed, told)
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
         """Start all processes, whose own time begins at `tick`; waits for none."""

@@ -34,9 +34,14 @@ class Receivers:
         self._origin = origin
         self._epoch = epoch
         self._told: NDArray[np.int64] = np.full(count, np.iinfo(np.int64).min // 2, dtype=np.int64)
+        self._seen: tuple[bytes, bytes] | None = None
 
     def fresh(self, sensors: Sensors) -> list[int]:
         """The aircraft that have a new fix."""
+        seen = sensors.gnss_time_ns.tobytes(), sensors.gnss_fix.tobytes()
+        if seen == self._seen:  # as in most ticks
+            return []
+        self._seen = seen
         since = sensors.gnss_time_ns - self._told
         rows = np.flatnonzero((since >= PERIOD_NS) & (sensors.gnss_fix > 0))
         self._told[rows] = sensors.gnss_time_ns[rows]

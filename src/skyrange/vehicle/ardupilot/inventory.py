@@ -1,4 +1,4 @@
-"""Which parameters does a firmware have? It is started once, asked for its list, and ended."""
+"""Which parameters does a firmware have, and what does it make of ours? It is started, asked for its list, ended."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-import numpy as np
-
 from skyrange.codec.mavlink import Deframer, Packer, decode, dialect
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
 from skyrange.io.sitl import LockstepSitl, wall_s
-from skyrange.vehicle.ardupilot.packets import Motion, lines, stamp_s
+from skyrange.vehicle.ardupilot.packets import STANDING, lines, stamp_s
 
 STEP_NS: Final = 2_500_000
 MOST_S: Final = 30.0
@@ -25,16 +23,16 @@ WALL_S: Final = 20.0
 _STATION: Final = 255
 
 
-@lru_cache(maxsize=8)
-def parameters_of(binary: Path, sha256: str) -> Mapping[str, float]:
-    """Every parameter of a firmware with its default; `sha256` names the file.
+@lru_cache(maxsize=64)
+def parameters_of(binary: Path, sha256: str, text: str = "") -> Mapping[str, float]:
+    """Every parameter of a firmware with its value, where a file of defaults says `text`; `sha256` names the binary.
 
     `ComponentError` where it does not answer.
     """
     with TemporaryDirectory(prefix="skyrange-") as folder:
         sitl = LockstepSitl(
             f"arducopter {binary.name}", binary, Path(folder), home=(0.0, 1.0, 0.0, 0.0), system_id=1, start_unix_s=1,
-            parameters="LOG_BACKEND_TYPE 0\n", options=("--unhide-groups",),
+            parameters=text + "LOG_BACKEND_TYPE 0\n", options=("--unhide-groups",),
         )  # fmt: skip
         try:
             return _ask(sitl)
@@ -44,7 +42,6 @@ def parameters_of(binary: Path, sha256: str) -> Mapping[str, float]:
 
 def _ask(sitl: LockstepSitl) -> Mapping[str, float]:
     packer, deframer = Packer(_STATION, dialect.MAV_COMP_ID_MISSIONPLANNER), Deframer()
-    standing = Motion(np.zeros((1, 3)), np.array([[0.0, 0.0, -9.80665]]), np.zeros(1), np.eye(1, 4), np.zeros(1))
     found: dict[str, float] = {}
     total, asked = -1, False
     deadline = wall_s() + WALL_S
@@ -62,5 +59,5 @@ def _ask(sitl: LockstepSitl) -> Mapping[str, float]:
                     total = message.param_count
         if total > 0 and len(found) >= total:
             return found
-        sitl.send(lines([stamp_s(step, STEP_NS)], standing)[0])
+        sitl.send(lines([stamp_s(step, STEP_NS)], STANDING)[0])
     raise ComponentError(sitl.name, f"told {len(found)} of {total} parameters in {MOST_S:g} simulated seconds")

@@ -7,7 +7,7 @@ clock of the machine takes part: the same inputs give the same bytes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ from skyrange.io.sitl import LockstepSitl, wall_s
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet, Instance
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.ardupilot.packets import Motion, between, commands_of, lines, motion_of, stamp_s
+from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, lines, motion_of, stamp_s
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
 
@@ -38,11 +38,11 @@ class _Stepper:
     ticks: int
     """Exchanges per tick, ticks per exchange: one of them is 1."""
     steps: int = 0
+    step_ns: Time = field(init=False)
+    """Between two exchanges."""
 
-    @property
-    def step_ns(self) -> Time:
-        """Between two exchanges."""
-        return QUANTUM_NS * self.ticks // self.per_tick
+    def __post_init__(self) -> None:
+        self.step_ns = QUANTUM_NS * self.ticks // self.per_tick
 
 
 class LockstepFleet(Fleet):
@@ -59,8 +59,11 @@ class LockstepFleet(Fleet):
         self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])
         self._steppers: list[_Stepper] = []
         self._tick: Time | None = None
-        self._force, self._felt = np.zeros((len(specs), 3)), np.zeros(len(specs), dtype=np.int64)
-        """Sum of the specific forces since each one's last exchange, and of how many ticks."""
+        self._mean = MeanForce(len(specs))
+        self._skips = False
+        """Whether any has no exchange in some ticks."""
+        self._rates: list[int] = []
+        """Exchanges per tick, as some have them."""
         self._motion: Motion | None = None
         """At the last tick."""
         self._lines: dict[tuple[int, int], list[bytes]] = {}
@@ -72,7 +75,7 @@ class LockstepFleet(Fleet):
         return parameters.start_values(spec.vehicle, airframe, spec.params, self._listed, gnss_lag_ms)
 
     def _launch(self, **arguments: Any) -> LockstepSitl:
-        return LockstepSitl(**arguments)
+        return LockstepSitl(**arguments, logs=self._options.keep_logs)
 
     def _come_up(self) -> None:
         """Wait until the last process has spoken, each from a port of its own."""
@@ -90,6 +93,8 @@ class LockstepFleet(Fleet):
             taken.add(sitl.port)
             rates = parameters.steps_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
             self._steppers.append(_Stepper(sitl, *rates))
+        self._skips = any(stepper.ticks > 1 for stepper in self._steppers)
+        self._rates = sorted({stepper.per_tick for stepper in self._steppers})
 
     def _sitl(self, one: Instance) -> LockstepSitl:
         assert isinstance(one.sitl, LockstepSitl)
@@ -106,28 +111,35 @@ class LockstepFleet(Fleet):
                 f"engine {self.name}", f"a tick of {tick - self._tick} ns", f"It flies in a world of {QUANTUM_NS} ns"
             )
         self._tick = tick
+        number = tick // QUANTUM_NS
+        self._due = due = [row for row, one in enumerate(self._instances) if one.alive and self._exchanges(row, number)]
+        if self._skips:
+            self._mean.feel(sensors.accel_mps2)
+        if not due:
+            return
         after = motion_of(sensors, self._home_up_m)
-        self._force += after.accel_mps2
-        self._felt += 1
-        after = after._replace(accel_mps2=self._force / self._felt[:, None])  # the mean since its last exchange
+        if self._skips:
+            self._mean.put(after, due)
         before, self._motion = (self._motion if self._motion is not None else after), after
-        alive = [row for row, one in enumerate(self._instances) if one.alive]
-        due = [row for row in alive if (tick // QUANTUM_NS) % self._steppers[row].ticks == 0]
-        self._lines = {}
-        for per_tick in {self._steppers[row].per_tick for row in due}:
+        for per_tick in self._rates:
             for turn in range(per_tick):
                 stamps = [stamp_s(one.steps + turn + 1, one.step_ns) for one in self._steppers]
-                self._lines[per_tick, turn] = lines(stamps, between(before, after, (turn + 1) / per_tick))
-        self._due = due
-        self._force[due], self._felt[due] = 0.0, 0
+                motion = after if turn + 1 == per_tick else between(before, after, (turn + 1) / per_tick)
+                self._lines[per_tick, turn] = lines(stamps, motion)
         for row in due:
-            self._send(row, 0)
+            self._send(row)
 
-    def _send(self, row: int, turn: int) -> None:
-        """Let a process compute a step of the tick."""
+    def _exchanges(self, row: int, number: int) -> bool:
+        """Whether it does in a tick."""
+        ticks = self._steppers[row].ticks
+        return ticks == 1 or number % ticks == 0
+
+    def _send(self, row: int) -> None:
+        """Let a process compute the tick, all its steps without a pause: it takes one line at a time."""
         stepper = self._steppers[row]
-        stepper.sitl.send(self._lines[stepper.per_tick, turn][row])
-        stepper.steps += 1
+        for turn in range(stepper.per_tick):
+            stepper.sitl.send(self._lines[stepper.per_tick, turn][row])
+        stepper.steps += stepper.per_tick
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
@@ -135,16 +147,10 @@ class LockstepFleet(Fleet):
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
         answers: dict[int, bytes] = {}
-        due, turn = self._due, 0
-        while due:
-            for row in due:
-                answer = self._answer(row, deadline, outbox)
-                if answer is not None:
-                    answers[row] = answer
-                    if turn + 1 < self._steppers[row].per_tick:
-                        self._send(row, turn + 1)
-            turn += 1
-            due = [row for row in due if row in answers and turn < self._steppers[row].per_tick]
+        for row in self._due:
+            answer = self._answer(row, deadline, outbox)
+            if answer is not None:
+                answers[row] = answer
         if answers:
             self._commands[[*answers]] = commands_of([*answers.values()])
         for row, one in enumerate(self._instances):
@@ -154,15 +160,20 @@ class LockstepFleet(Fleet):
         return Finished(self._commands, outbox, [one.status for one in self._instances])
 
     def _answer(self, row: int, deadline: float, outbox: Outbox) -> bytes | None:
+        """What it answered to the last of its steps."""
         one, stepper = self._instances[row], self._steppers[row]
         restarts = stepper.sitl.restarts
-        answer = stepper.sitl.servos(deadline)
-        if answer is None:
-            one.lose(InstanceStatus.SILENT if one.sitl.program.running else InstanceStatus.DEAD, outbox)
-            self._skew.forget(row)
-        elif stepper.sitl.restarts > restarts:
-            stepper.steps = 0
-            one.restarted(outbox)
+        answer: bytes | None = None
+        for _ in range(stepper.per_tick):
+            answer = stepper.sitl.servos(deadline)
+            if answer is None:
+                one.lose(InstanceStatus.SILENT if one.sitl.program.running else InstanceStatus.DEAD, outbox)
+                self._skew.forget(row)
+                break
+            if stepper.sitl.restarts > restarts:  # lines that waited for the old one are gone with it
+                stepper.steps = 0
+                one.restarted(outbox)
+                break
         return answer
 
     def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:

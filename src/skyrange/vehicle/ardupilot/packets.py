@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Floats, Sensors
+from skyrange.core.compiled import kernel
 from skyrange.world.airframes import MOTORS
 
 PWM_MIN: Final = 1000.0
@@ -23,60 +25,123 @@ _LINE: Final = (
     b'"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
 )
 _ROOT: Final = math.sqrt(0.5)
-_FLIP: Final = np.array([1.0, -1.0, -1.0])
-"""Forward-left-up to forward-right-down."""
+_GYRO, _FORCE, _DOWN, _ATTITUDE, _RANGE, _WIDTH = 0, 3, 6, 7, 11, 12
+"""Where what begins in a row of `Motion`, and how long it is."""
 
 
-class Motion(NamedTuple):
+class Motion:
     """What inertial sensors, barometer and rangefinder see, in ArduPilot's frames: one row per aircraft."""
 
-    gyro_radps: Floats
-    """(n, 3)"""
-    accel_mps2: Floats
-    """(n, 3) specific force: (0, 0, -9.8) at rest and level."""
-    down_m: Floats
-    """(n,) below home, as the barometer has it."""
-    attitude: Floats
-    """(n, 4) quaternion w, x, y, z, body to north-east-down."""
-    range_m: Floats
-    """(n,) above the ground below."""
+    __slots__ = ("rows",)
+
+    def __init__(self, rows: Floats) -> None:
+        """Of rows (n, 12), in the order of the properties below."""
+        self.rows = rows
+
+    @property
+    def gyro_radps(self) -> Floats:
+        """(n, 3)"""
+        return self.rows[:, _GYRO:_FORCE]
+
+    @property
+    def accel_mps2(self) -> Floats:
+        """(n, 3) specific force: (0, 0, -9.8) at rest and level."""
+        return self.rows[:, _FORCE:_DOWN]
+
+    @property
+    def down_m(self) -> Floats:
+        """(n,) below home, as the barometer has it."""
+        return self.rows[:, _DOWN]
+
+    @property
+    def attitude(self) -> Floats:
+        """(n, 4) quaternion w, x, y, z, body to north-east-down."""
+        return self.rows[:, _ATTITUDE:_RANGE]
+
+    @property
+    def range_m(self) -> Floats:
+        """(n,) above the ground below."""
+        return self.rows[:, _RANGE]
+
+
+STANDING: Final = Motion(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]]))
+"""One aircraft that stands level at home, heading north."""
 
 
 def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
     """The same in ArduPilot's frames. What ArduPilot makes a compass of is the true attitude."""
-    w, x, y, z = (sensors.attitude[:, k] for k in range(4))
-    # q' = (0, √½, √½, 0) · q · (0, 1, 0, 0): east-north-up to north-east-down, and the body's half turn
-    attitude = np.empty_like(sensors.attitude)
-    attitude[:, 0] = -_ROOT * (w + z)
-    attitude[:, 1] = -_ROOT * (x + y)
-    attitude[:, 2] = _ROOT * (y - x)
-    attitude[:, 3] = _ROOT * (z - w)
-    return Motion(
-        sensors.gyro_radps * _FLIP, sensors.accel_mps2 * _FLIP, home_up_m - sensors.baro_up_m, attitude,
-        np.array(sensors.rangefinder_m),
+    rows = np.empty((len(home_up_m), _WIDTH))
+    _turn(
+        sensors.gyro_radps, sensors.accel_mps2, sensors.baro_up_m, sensors.attitude, sensors.rangefinder_m, home_up_m,
+        rows,
     )  # fmt: skip
+    return Motion(rows)
+
+
+@kernel
+def _turn(
+    gyro: Floats, force: Floats, baro_up: Floats, attitude: Floats, above: Floats, home_up: Floats, rows: Floats
+) -> None:
+    for i in range(len(rows)):
+        # forward-left-up to forward-right-down
+        rows[i, 0], rows[i, 1], rows[i, 2] = gyro[i, 0], -gyro[i, 1], -gyro[i, 2]
+        rows[i, 3], rows[i, 4], rows[i, 5] = force[i, 0], -force[i, 1], -force[i, 2]
+        rows[i, 6] = home_up[i] - baro_up[i]
+        # q' = (0, √½, √½, 0) · q · (0, 1, 0, 0): east-north-up to north-east-down, and the body's half turn
+        w, x, y, z = attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3]
+        rows[i, 7] = -_ROOT * (w + z)
+        rows[i, 8] = -_ROOT * (x + y)
+        rows[i, 9] = _ROOT * (y - x)
+        rows[i, 10] = _ROOT * (z - w)
+        rows[i, 11] = above[i]
 
 
 def between(before: Motion, after: Motion, share: float) -> Motion:
     """The motion `share` of the way from one to the next; the specific force is the mean over the way already."""
-    turned = np.where((before.attitude * after.attitude).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0)
-    attitude = before.attitude * turned * (1.0 - share) + after.attitude * share
-    attitude /= np.sqrt((attitude * attitude).sum(axis=1, keepdims=True))
-    return Motion(
-        before.gyro_radps * (1.0 - share) + after.gyro_radps * share,
-        after.accel_mps2,
-        before.down_m * (1.0 - share) + after.down_m * share,
-        attitude,
-        after.range_m,
-    )
+    rows = np.empty_like(after.rows)
+    _blend(before.rows, after.rows, share, rows)
+    return Motion(rows)
+
+
+@kernel
+def _blend(before: Floats, after: Floats, share: float, rows: Floats) -> None:
+    for i in range(len(rows)):
+        for k in range(12):
+            rows[i, k] = before[i, k] * (1.0 - share) + after[i, k] * share
+        rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 11] = after[i, 3], after[i, 4], after[i, 5], after[i, 11]
+        along = 0.0
+        for k in range(7, 11):
+            along += before[i, k] * after[i, k]
+        sign = -1.0 if along < 0.0 else 1.0  # both signs are the same attitude
+        square = 0.0
+        for k in range(7, 11):
+            rows[i, k] = before[i, k] * sign * (1.0 - share) + after[i, k] * share
+            square += rows[i, k] * rows[i, k]
+        for k in range(7, 11):
+            rows[i, k] /= math.sqrt(square)
+
+
+class MeanForce:
+    """The mean of the specific forces since each one's last exchange, for those that miss some ticks."""
+
+    def __init__(self, count: int) -> None:
+        """Of `count` aircraft."""
+        self._sum, self._ticks = np.zeros((count, 3)), np.zeros((count, 1))
+
+    def feel(self, force_mps2: Floats) -> None:
+        """The specific forces of a tick: (n, 3), forward-left-up as sensors have them."""
+        self._sum += force_mps2
+        self._ticks += 1.0
+
+    def put(self, motion: Motion, due: Sequence[int]) -> None:
+        """Put the means in place of the last tick's; those that are `due` begin anew."""
+        motion.accel_mps2[:] = self._sum / self._ticks * (1.0, -1.0, -1.0)
+        self._sum[due], self._ticks[due] = 0.0, 0.0
 
 
 def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     """The line for each aircraft; `times_s` is the time on each one's own clock."""
-    rows = np.column_stack(
-        (times_s, motion.gyro_radps, motion.accel_mps2, motion.down_m, motion.attitude, motion.range_m)
-    )
-    return [_LINE % tuple(row) for row in rows.tolist()]
+    return [_LINE % (time_s, *row) for time_s, row in zip(times_s, motion.rows.tolist(), strict=True)]
 
 
 def stamp_s(step: int, step_ns: int) -> float:
@@ -86,6 +151,13 @@ def stamp_s(step: int, step_ns: int) -> float:
 
 def commands_of(answers: Sequence[bytes]) -> Floats:
     """(n, motors) commands 0…1 of what processes answer, motors in ArduCopter's order; 0 µs is no pulse."""
-    widths = np.frombuffer(b"".join([answer[: 2 * MOTORS] for answer in answers]), dtype="<u2").reshape(-1, MOTORS)
-    commands: Floats = np.clip((widths - PWM_MIN) / PWM_RANGE, 0.0, 1.0)
+    widths = np.frombuffer(b"".join([answer[: 2 * MOTORS] for answer in answers]), dtype="<u2")
+    commands = np.empty((len(answers), MOTORS))
+    _scale(widths, commands.reshape(-1))
     return commands
+
+
+@kernel
+def _scale(widths: NDArray[np.uint16], commands: Floats) -> None:
+    for i in range(len(widths)):
+        commands[i] = min(max((widths[i] - PWM_MIN) / PWM_RANGE, 0.0), 1.0)

@@ -7,7 +7,7 @@ every name is looked up in the list that the binary itself tells before anything
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 from skyrange.core.errors import Fault, InputError, nearest
@@ -18,6 +18,8 @@ from skyrange.world.airframes import Airframe
 
 LOOP_RATE: Final = "SCHED_LOOP_RATE"
 SIM_RATE: Final = "SIM_RATE_HZ"
+RATES: Final[Mapping[str, Mapping[str, float]]] = {"full": {}, "reduced": {LOOP_RATE: 100.0, SIM_RATE: 200.0}}
+"""ArduCopter's own loop at 400 Hz, or a trade: a third of the cost."""
 OURS: Final = {
     "FRAME_CLASS": 1.0,
     "FRAME_TYPE": 1.0,  # X, as the airframes' rotors are numbered
@@ -145,3 +147,17 @@ def steps_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s
     if per_tick > 0.5 + 1e-9:
         return max(1, math.ceil(per_tick - 1e-9)), 1
     return 1, max(1, math.floor(1.0 / per_tick + 1e-9))
+
+
+def refused(given: Mapping[str, float], listed: Mapping[str, float], told: Mapping[str, float]) -> Iterator[Fault]:
+    """What a firmware that was given `given` as defaults, and then told `told`, has not taken over as it is.
+
+    It says nothing about it: a number with decimals for a whole one is cut, one beyond its type's range becomes the
+    largest there is (AP_Param.cpp, `set_value`).
+    """
+    for name, value in given.items():
+        found = resolve(name, value, listed)
+        if found is not None and found[0] in told:
+            kept = told[found[0]]
+            if not math.isclose(kept, found[1], rel_tol=1e-6, abs_tol=1e-9):
+                yield Fault(name, f"{value:g}", f"a value that this firmware takes: it makes {kept:g} of it")

@@ -1,0 +1,33 @@
+"""How is something measured in a clean process? Spawned, so that nothing of the caller's memory is there."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import Any
+
+from skyrange.core.errors import ComponentError
+
+Row = dict[str, Any]
+
+
+def apart(name: str, function: Callable[..., Row], *arguments: Any) -> Row:
+    """What `function` returns, called in a process of its own. `ComponentError`, by `name`, where that ends early."""
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(sender, function, *arguments))
+    process.start()
+    sender.close()
+    try:
+        row: Row = receiver.recv()
+    except EOFError:
+        process.join()
+        raise ComponentError(name, f"ended with exit code {process.exitcode}") from None
+    process.join()
+    return row
+
+
+def _answer(answer: Connection, function: Callable[..., Row], *arguments: Any) -> None:
+    answer.send(function(*arguments))
+    answer.close()

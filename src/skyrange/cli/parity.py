@@ -1,0 +1,125 @@
+"""What do `skyrange parity flight` and `skyrange parity gnss` print?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isnan
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skyrange.cli.commands import print_json, terminal
+
+if TYPE_CHECKING:
+    from skyrange.study.parity import Flown
+    from skyrange.study.reactions import Compared, Reaction
+
+
+def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
+    """`skyrange parity flight`."""
+    from rich.table import Table
+
+    from skyrange.cli.progress import progress
+    from skyrange.runtime.run import free_folder
+    from skyrange.scenario.catalogue import load
+    from skyrange.study.parity import compare
+
+    scenario = load(name, changes)
+    folder = out if out is not None else free_folder(f"{scenario.name}-parity")
+    with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
+        parity = compare(scenario, folder, on_progress=on_progress)
+    if as_json:
+        flights = [_flight(one) for side in (parity.first, parity.second) for one in side.values()]
+        apart = {vehicle: _finite(parity.apart_m(vehicle)) for vehicle in parity.first}
+        print_json({"path": str(folder), "flights": flights, "apart_m": apart})
+        return
+    table = Table(title=f"{scenario.name}: builtin and ArduPilot", title_justify="left", title_style="bold")
+    for column in ("aircraft", "measure", "builtin", "ArduPilot", "difference", ""):
+        table.add_column(column, justify="left" if column in ("aircraft", "measure") else "right", no_wrap=True)
+    for row in parity.rows():
+        share = "" if isnan(row.relative) else f"{row.relative:+.1%}"
+        table.add_row(
+            row.vehicle, row.measure, f"{row.first:.2f}", f"{row.second:.2f}", f"{row.difference:+.2f}", share
+        )
+    console = terminal()
+    console.print(table)
+    for vehicle, one in parity.first.items():
+        other = parity.second[vehicle]
+        for what in ("outcome", "modes", "items"):
+            mine, others = (_names(getattr(each, what)) for each in (one, other))
+            if mine != others:
+                console.print(f"{vehicle}: {what} {mine} with the builtin, {others} with ArduPilot", markup=False)
+        console.print(f"{vehicle}: at most {parity.apart_m(vehicle):.1f} m apart, from lift-off on", markup=False)
+    console.print(f"runs   {folder}", soft_wrap=True, markup=False)
+
+
+def _names(happened: str | Sequence[tuple[float, Any]]) -> str:
+    return happened if isinstance(happened, str) else ", ".join(str(what) for _, what in happened)
+
+
+def _flight(one: Flown) -> dict[str, Any]:
+    facts = asdict(one)
+    del facts["path"]
+    return facts | {"measures": {name: _finite(value) for name, value in one.measures.items()}}
+
+
+def _finite(value: float) -> float | None:
+    return None if isnan(value) else value
+
+
+def gnss(out: Path | None, rates: str, as_json: bool) -> None:
+    """`skyrange parity gnss`."""
+    from rich.table import Table
+
+    from skyrange.cli.progress import progress
+    from skyrange.runtime.run import free_folder
+    from skyrange.study.reactions import TIME_S, agreement, compare, settings
+    from skyrange.vehicle.ardupilot.parameters import RATES
+
+    folder = out if out is not None else free_folder("gnss-reactions")
+    with progress("100 false GNSS, twice", quiet=as_json) as on_progress:
+        compared = compare(folder, settings(), RATES[rates], on_progress=on_progress)
+    found = agreement(compared)
+    if as_json:
+        print_json({"path": str(folder), **asdict(found), "settings_flown": [_setting(one) for one in compared]})
+        return
+    table = Table(title="False GNSS: builtin and ArduPilot", title_justify="left", title_style="bold")
+    for column in ("setting", "builtin", "ArduPilot", "reset", "", "led", "", ""):
+        table.add_column(column, justify="left" if column in ("setting", "builtin", "ArduPilot") else "right")
+    for one in compared:
+        table.add_row(
+            one.setting.words,
+            one.first.outcome,
+            one.second.outcome,
+            _seconds(one.first.reset_s),
+            _seconds(one.second.reset_s),
+            f"{one.first.led_m:.1f} m",
+            f"{one.second.led_m:.1f} m",
+            "" if one.alike else "differs",
+        )
+    console = terminal()
+    console.print(table)
+    console.print(f"same outcome in {found.alike} of {found.settings}")
+    console.print(
+        f"both reset in {found.resets}: {found.together} within {TIME_S:g} s, at most {found.reset_apart_max_s:.2f} s"
+    )
+    console.print(f"run    {folder / 'run'}", soft_wrap=True, markup=False)
+
+
+def _seconds(at: float | None) -> str:
+    return "" if at is None else f"{at:.1f} s"
+
+
+def _setting(one: Compared) -> dict[str, Any]:
+    return {
+        "setting": one.setting.words,
+        "kind": one.setting.kind,
+        "params": dict(one.setting.params),
+        "alike": one.alike,
+        "builtin": _reaction(one.first),
+        "ardupilot": _reaction(one.second),
+    }
+
+
+def _reaction(one: Reaction) -> dict[str, Any]:
+    return {**asdict(one), "outcome": one.outcome}

@@ -1,0 +1,293 @@
+"""How alike do two kinds of autopilot react to false GNSS? A hundred settings, each flown by both in one run.
+
+Every setting has two aircraft, which hover at a waypoint of their mission with ideal sensors, far from everyone else.
+Then their receivers are deceived alike. What happens is taken from events and truth; nothing is asked of an estimator
+that an operator could not see as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from skyrange.core.time import NS_PER_S, from_seconds
+from skyrange.record import RunRecord
+from skyrange.runtime.run import OnProgress
+from skyrange.scenario.schema import Scenario
+from skyrange.study.series import Happening, happenings, truth_tracks
+from skyrange.study.session import fly
+
+KINDS: Final = ("builtin", "ardupilot")
+"""Who is compared: the operator's name is the autopilot's."""
+START_S: Final = 31.0
+"""When the lies begin: all hover by then, and have been up for more than 30 s, before which no EKF failsafe is told."""
+SECONDS: Final = 45.0
+"""How long they last: four times `posRetryTimeUseVel_ms`, and long enough for a second reset of most drifts."""
+APART_M: Final = 2_000.0
+"""Between aircraft: nobody meets anybody, wherever it is led."""
+ABREAST: Final = 14
+ALT_M: Final = 20.0
+MOVED_M: Final = 2.0
+"""Led so far, and more than `SHARE` of what the other is, an aircraft is elsewhere than the other."""
+SHARE: Final = 0.1
+RESET_M: Final = 1.5
+"""A smaller reset cannot be told from noise in what ArduPilot reports."""
+TIME_S: Final = 1.0
+"""Resets at most so far apart are at the same time."""
+OUTCOMES: Final = ("ignored", "followed", "doubted, then followed", "reset", "failsafe")
+
+HOLD: Final = """QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t-35.363328\t149.1652241\t10\t1
+1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t{alt:g}\t1
+2\t0\t3\t16\t{hold:g}\t0\t0\t0\t-35.363328\t149.1652241\t{alt:g}\t1
+3\t0\t3\t21\t0\t0\t0\t0\t-35.363328\t149.1652241\t0\t1
+"""
+"""Take-off, a waypoint above it where it waits, landing (MAV_CMD 22, 16, 21)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One lie: an attack's kind, `gnss.jump` or `gnss.drift`, and its parameters without `vehicles`."""
+
+    kind: str
+    params: Mapping[str, Any]
+
+    @property
+    def words(self) -> str:
+        """It in short, metres and m/s east, north, up."""
+        if self.kind == "gnss.jump":
+            return f"jump {_vector(self.params['offset_m'])} m"
+        until = f", {self.params['at_largest']} at {self.params['largest_m']:g} m" if "largest_m" in self.params else ""
+        return f"drift {_vector(self.params['rate_mps'])} m/s, velocity {self.params['velocity']}{until}"
+
+
+@dataclass(frozen=True, slots=True)
+class Reaction:
+    """What one aircraft did. Times in s after the lies' beginning, `None` where it never happened.
+
+    `resets` are jumps of belief of at least `RESET_M`, (time, metres); `led_m` is how far the true aircraft
+    was from its place when the run ended, or, once a failsafe took over, when it did.
+    """
+
+    glitch_s: float | None
+    cleared_s: float | None
+    resets: tuple[tuple[float, float], ...]
+    failsafe_s: float | None
+    led_m: float
+
+    @property
+    def reset_s(self) -> float | None:
+        """When belief first jumped."""
+        return self.resets[0][0] if self.resets else None
+
+    @property
+    def outcome(self) -> str:
+        """One of `OUTCOMES`, the gravest that applies."""
+        if self.failsafe_s is not None:
+            return "failsafe"
+        if self.resets:
+            return "reset"
+        if self.glitch_s is not None:
+            return "doubted, then followed" if self.cleared_s is not None else "doubted"
+        return "followed" if self.led_m > MOVED_M else "ignored"
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """One setting and what the two made of it, in the order of `KINDS`."""
+
+    setting: Setting
+    first: Reaction
+    second: Reaction
+
+    @property
+    def alike(self) -> bool:
+        """Whether the outcome is the same and the aircraft are led as far, to 2 m or a tenth."""
+        near = abs(self.first.led_m - self.second.led_m) <= max(MOVED_M, SHARE * self.second.led_m)
+        return self.first.outcome == self.second.outcome and (near or self.first.outcome == "failsafe")
+
+    @property
+    def reset_apart_s(self) -> float | None:
+        """How much later the first of `KINDS` was reset; `None` unless both were."""
+        if self.first.reset_s is None or self.second.reset_s is None:
+            return None
+        return self.first.reset_s - self.second.reset_s
+
+
+def settings() -> list[Setting]:
+    """A hundred: offsets from 2 m to 1 km, rates from 0.2 to 15 m/s, with true and with fitting velocity, and height.
+
+    Chosen beforehand as a grid, finer about the gates of EKF3 for a receiver that claims 1.5 m and 0.2 m/s.
+    """
+    return [*_jumps(), *_drifts()]
+
+
+def _jumps() -> Iterator[Setting]:
+    for metres in (2, 4, 6, 8, 9, 10, 11, 12, 13, 14, 16, 20, 30, 50, 100, 300, 1000):
+        yield Setting("gnss.jump", {"offset_m": [float(metres), 0.0, 0.0]})
+        yield Setting("gnss.jump", {"offset_m": [-0.6 * metres, 0.8 * metres, 0.0]})
+    for up in (-30.0, 10.0, 30.0, 100.0):
+        yield Setting("gnss.jump", {"offset_m": [0.0, 0.0, up]})
+
+
+def _drifts() -> Iterator[Setting]:
+    for velocity in ("unaltered", "consistent"):
+        for rate in (0.2, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 15.0):
+            yield _drift([rate, 0.0, 0.0], velocity)
+            yield _drift([0.6 * rate, -0.8 * rate, 0.0], velocity)
+        for rate in (0.5, 1.0, 3.0):
+            yield _drift([0.0, 0.0, rate], velocity)
+        yield _drift([2.0, 0.0, 0.0], velocity, largest_m=20.0, at_largest="hold")
+        yield _drift([2.0, 0.0, 0.0], velocity, largest_m=20.0, at_largest="return")
+
+
+def _drift(rate: Sequence[float], velocity: str, **more: Any) -> Setting:
+    return Setting("gnss.drift", {"rate_mps": list(rate), "velocity": velocity, **more})
+
+
+def scenario(chosen: Sequence[Setting], mission: Path, params: Mapping[str, float] | None = None) -> Scenario:
+    """Both aircraft of every setting, and the attacks; `mission` is a file of `HOLD`, `params` the second's own."""
+    rows = [
+        {
+            "id": kind,
+            "vehicles": [
+                {
+                    "id": _name(number),
+                    "autopilot": kind,
+                    "start": _start(2 * number + place),
+                    "plan": {"file": str(mission), "anchor": "start"},
+                    "params": dict(params or {}) if place else {},
+                }
+                for number in range(len(chosen))
+            ],
+        }
+        for place, kind in enumerate(KINDS)
+    ]
+    attacks = [
+        {
+            "id": f"lie-{_name(number)}",
+            "kind": setting.kind,
+            "start_s": START_S,
+            "params": {"vehicles": [f"{kind}/{_name(number)}" for kind in KINDS], **setting.params},
+        }
+        for number, setting in enumerate(chosen)
+    ]
+    return Scenario.model_validate(
+        {
+            "name": "gnss-reactions",
+            "duration_s": START_S + SECONDS,
+            "origin": {"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0},
+            "sensors": {"noise": 0.0},
+            "operators": rows,
+            "attacks": attacks,
+        }
+    )
+
+
+def compare(
+    folder: Path,
+    chosen: Sequence[Setting],
+    params: Mapping[str, float] | None = None,
+    *,
+    on_progress: OnProgress | None = None,
+) -> list[Compared]:
+    """Fly the settings, both autopilots in one run, into `folder`, and read the reactions.
+
+    `params` are ArduPilot's, beside its defaults. Raises as `session.fly`.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    mission = folder / "hold.waypoints"
+    mission.write_text(HOLD.format(alt=ALT_M, hold=START_S + SECONDS))
+    record = fly(scenario(chosen, mission, params), folder / "run", on_progress=on_progress, report=False)
+    return read(record, chosen)
+
+
+def read(record: RunRecord, chosen: Sequence[Setting]) -> list[Compared]:
+    """The reactions that a run of `scenario` recorded."""
+    events: dict[str, list[Happening]] = {}
+    for event in happenings(record, "events"):
+        events.setdefault(event.about, []).append(event)
+    tracks = truth_tracks(record)
+
+    def reaction(vehicle: str) -> Reaction:
+        return _reaction([event for event in events[vehicle] if event.time_ns >= start_ns], tracks[vehicle])
+
+    start_ns = from_seconds(START_S)
+    return [
+        Compared(setting, *(reaction(f"{kind}/{_name(number)}") for kind in KINDS))
+        for number, setting in enumerate(chosen)
+    ]
+
+
+def _reaction(events: Sequence[Happening], track: Any) -> Reaction:
+    def first(kind: str, **data: Any) -> float | None:
+        times = (e.time_ns for e in events if e.kind == kind and data.items() <= dict(e.data).items())
+        at_ns = next(times, None)
+        return None if at_ns is None else at_ns / NS_PER_S - START_S
+
+    resets = [
+        (
+            event.time_ns / NS_PER_S - START_S,
+            hypot(*(float(event.data[axis]) for axis in ("east_m", "north_m", "up_m"))),
+        )
+        for event in events
+        if event.kind == "event.estimator" and "reset" in event.data
+    ]
+    failsafe_s = first("event.ekf_failsafe", on=True)
+    end_s = SECONDS if failsafe_s is None else failsafe_s
+    ends_ns = np.array([from_seconds(START_S), from_seconds(START_S + end_s)])
+    begin, end = track.at(ends_ns)
+    return Reaction(
+        glitch_s=first("event.glitch", on=True),
+        cleared_s=first("event.glitch", on=False),
+        resets=tuple((at_s, by_m) for at_s, by_m in resets if by_m >= RESET_M),
+        failsafe_s=failsafe_s,
+        led_m=float(np.sqrt(((end - begin) ** 2).sum())),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How many settings ended alike, and how far apart in time first resets were where both were reset."""
+
+    settings: int
+    alike: int
+    resets: int
+    together: int
+    """Of `resets`, those at most `TIME_S` apart."""
+    reset_apart_max_s: float
+
+    @property
+    def share(self) -> float:
+        """Of the settings, those alike."""
+        return self.alike / self.settings
+
+
+def agreement(compared: Sequence[Compared]) -> Agreement:
+    """The whole in five numbers."""
+    apart_s = [abs(one.reset_apart_s) for one in compared if one.reset_apart_s is not None]
+    return Agreement(
+        settings=len(compared),
+        alike=sum(one.alike for one in compared),
+        resets=len(apart_s),
+        together=sum(each <= TIME_S for each in apart_s),
+        reset_apart_max_s=max(apart_s, default=0.0),
+    )
+
+
+def _name(number: int) -> str:
+    return f"s{number + 1:03}"
+
+
+def _start(place: int) -> list[float]:
+    row, column = divmod(place, ABREAST)
+    return [(column - 0.5 * (ABREAST - 1)) * APART_M, row * APART_M, 0.0]
+
+
+def _vector(parts: Sequence[float]) -> str:
+    return ", ".join(f"{part:g}" for part in parts)

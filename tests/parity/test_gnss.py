@@ -1,0 +1,36 @@
+"""Does the builtin react to false GNSS as a real EKF3 does? A hundred settings, both in one run; it takes minutes."""
+
+from __future__ import annotations
+
+import pytest
+
+from skyrange.study.reactions import TIME_S, Compared, agreement, compare, settings
+from skyrange.vehicle.ardupilot.parameters import RATES
+from tests.ardupilot import needs_arducopter
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> list[Compared]:
+    return compare(tmp_path_factory.mktemp("gnss"), settings(), RATES["reduced"])
+
+
+@needs_arducopter
+def test_the_outcome_is_the_same_in_95_of_100(compared: list[Compared]) -> None:
+    found = agreement(compared)
+    strays = [f"{one.setting.words}: {one.first} against {one.second}" for one in compared if not one.alike]
+    assert found.settings == 100
+    assert found.alike >= 95, strays
+
+
+@needs_arducopter
+def test_resets_are_within_a_second(compared: list[Compared]) -> None:
+    found = agreement(compared)
+    assert found.resets >= 20
+    assert found.together == found.resets
+    assert found.reset_apart_max_s <= TIME_S
+
+
+@needs_arducopter
+def test_the_settings_reach_every_outcome(compared: list[Compared]) -> None:
+    seen = {one.second.outcome for one in compared}
+    assert seen == {"ignored", "followed", "doubted, then followed", "reset", "failsafe"}
