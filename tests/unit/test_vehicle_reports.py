@@ -176,6 +176,10 @@ def test_battery_fence_and_failsafe() -> None:
     made = engine()
     fleet = made._fleet
     assert message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_FENCE_STATUS) is None
+    status = told(made, A.MAVLINK_MSG_ID_SYS_STATUS)  # there, not in force, and well: AC_Fence.cpp, `sys_status_…`
+    assert status.onboard_control_sensors_present & A.MAV_SYS_STATUS_GEOFENCE
+    assert not status.onboard_control_sensors_enabled & A.MAV_SYS_STATUS_GEOFENCE
+    assert status.onboard_control_sensors_health & A.MAV_SYS_STATUS_GEOFENCE
     fleet.boundary["enabled"], fleet.boundary["breached"], fleet.boundary["count"] = 7, 1, 2
     fence = told(made, A.MAVLINK_MSG_ID_FENCE_STATUS)
     assert (fence.breach_status, fence.breach_count, fence.breach_type) == (1, 2, A.FENCE_BREACH_MAXALT)

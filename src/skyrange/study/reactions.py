@@ -1,6 +1,6 @@
 """How alike do two kinds of autopilot react to false GNSS? A hundred settings, each flown by both in one run.
 
-Every setting has two aircraft, which hover at a waypoint of their mission with ideal sensors, far from everyone else.
+Every setting has two aircraft, which hover at a waypoint of their mission, hardly any noise, far from everyone else.
 Then their receivers are deceived alike. What happens is taken from events and truth; nothing is asked of an estimator
 that an operator could not see as well.
 """
@@ -28,6 +28,9 @@ START_S: Final = 31.0
 """When the lies begin: all hover by then, and have been up for more than 30 s, before which no EKF failsafe is told."""
 SECONDS: Final = 45.0
 """How long they last: four times `posRetryTimeUseVel_ms`, and long enough for a second reset of most drifts."""
+NOISE: Final = 0.01
+"""Of the sensors: so little that both see the same, but receivers that report 5 times a second, late, and claim 1.5 m
+and 0.2 m/s; ideal ones would claim 0.01 m at every tick."""
 APART_M: Final = 2_000.0
 """Between aircraft: nobody meets anybody, wherever it is led."""
 ABREAST: Final = 14
@@ -182,7 +185,7 @@ def scenario(chosen: Sequence[Setting], mission: Path, params: Mapping[str, floa
             "name": "gnss-reactions",
             "duration_s": START_S + SECONDS,
             "origin": {"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0},
-            "sensors": {"noise": 0.0},
+            "sensors": {"noise": NOISE},
             "operators": rows,
             "attacks": attacks,
         }

@@ -73,6 +73,10 @@ _ACTIVE: Final = dialect.MAV_STATE_ACTIVE
 _FIX_3D: Final = dialect.GPS_FIX_TYPE_3D_FIX
 _UNINITIALIZED: Final = dialect.EKF_UNINITIALIZED
 _ARMING_CHECK: Final = INDEX["ARMING_CHECK"]
+_FENCE_TYPE: Final = INDEX["FENCE_TYPE"]
+_FENCE_ACTION: Final = INDEX["FENCE_ACTION"]
+_NO_POLYGON: Final = 1 | 2 | 8
+"""Bits of FENCE_TYPE: these fences are present without an upload (AC_Fence::present)."""
 _BATT_MONITOR: Final = INDEX["BATT_MONITOR"]
 _CAPABILITIES: Final = (
     dialect.MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
@@ -139,9 +143,12 @@ def _sys_statuses(
         present = _ALWAYS | _AHRS | _PLACE | _HEIGHT | _BATTERY | _PREARM
         if e.gnss_fix > 0:
             present |= _GNSS
-        if fenced:
+        has_fence = fenced or int(stored[row, _FENCE_TYPE]) & _NO_POLYGON != 0
+        if has_fence:
             present |= _FENCE
-        enabled = present & ~(_PLACE | _HEIGHT | _BATTERY | _PREARM)
+        enabled = present & ~(_PLACE | _HEIGHT | _BATTERY | _FENCE | _PREARM)
+        if fenced and stored[row, _FENCE_ACTION] != 0.0:
+            enabled |= _FENCE
         if modes[row] > _LAST_MANUAL:
             enabled |= _PLACE
         if modes[row] > _LAST_BY_HAND:
@@ -157,7 +164,7 @@ def _sys_statuses(
             healthy |= _AHRS
         if has_battery and b.voltage > 0.0 and b.tripped == 0:
             healthy |= _BATTERY
-        if fenced and fence.breached == 0:
+        if not has_fence or fence.breached == 0:  # "not failed if not present" (AC_Fence::sys_status_failed)
             healthy |= _FENCE
         if checked and ready:
             healthy |= _PREARM
