@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field
 
 from skyrange.agent.air import Listening, RadioSpec
@@ -118,10 +118,22 @@ def lookout_of(operator: str, scenario: Scenario) -> Lookout | None:
     return Lookout(operator, names, scenario.origin.datum) if names else None
 
 
-def on_air(scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter]) -> OnAir:
-    """Medium, oracle and companions. Raises `InputError` with everything that is wrong with the radios."""
+def on_air(
+    scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter], here: Container[str]
+) -> OnAir:
+    """Medium, oracle and companions, of those that live at the endpoints `here`.
+
+    Raises `InputError` with everything that is wrong with the radios.
+    """
     if scenario.radio is None:
         return OnAir()
+    oracle = _oracle(scenario, city, chance, attackers) if ENDPOINT in here else None
+    companions = _companions(scenario, city, chance, here)
+    return OnAir([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
+
+
+def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter]) -> Oracle:
+    assert scenario.radio is not None
     radio = scenario.radio
     vehicles = [(vehicle_id(operator.id, vehicle.id), operator, vehicle) for operator, vehicle in scenario.fleet]
     specs = [_aboard(key, vehicle, PROFILES[radio.aboard]) for key, _, vehicle in vehicles]
@@ -132,16 +144,22 @@ def on_air(scenario: Scenario, city: City | None, chance: Chance, attackers: Seq
     nodes = [owner_of(one.endpoint) for one in attackers]
     listening = [owner_of(one.endpoint) for one in attackers if one.listens]
     own = [key for key, _, _ in vehicles]
-    oracle = Oracle(
+    return Oracle(
         medium,
         [*own, *nodes],
         [*own, *listening],
         {receiver.id: receiver.operator for receiver in radio.receivers},
         recording=True,
     )
+
+
+def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Container[str]) -> Companion | None:
     made: dict[str, Avoidance] = {}
     aboard = []
-    for key, operator, vehicle in vehicles:
+    for operator, vehicle in scenario.fleet:
+        key = vehicle_id(operator.id, vehicle.id)
+        if endpoint(key, "companion") not in here:
+            continue
         avoidance = None
         if vehicle.avoidance is not None:
             name = vehicle.avoidance.model_dump_json()
@@ -155,8 +173,7 @@ def on_air(scenario: Scenario, city: City | None, chance: Chance, attackers: Seq
                 vehicle.plan.speed_mps or CRUISE_MPS,
             )
         )
-    companions = Companion(COMPANIONS, aboard, scenario.origin.datum, chance)
-    return OnAir([companions], [oracle], oracle)
+    return Companion(COMPANIONS, aboard, scenario.origin.datum, chance) if aboard else None
 
 
 def _aboard(key: str, vehicle: Vehicle, listening: tuple[Listening, ...]) -> RadioSpec:

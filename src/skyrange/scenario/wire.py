@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from skyrange.gcs.flights import Flight
 from skyrange.gcs.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Wiring
-from skyrange.radio.oracle import Oracle
+from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.remoteid.profiles import serial_number
 from skyrange.scenario.air import RemoteId
 from skyrange.scenario.attacks import make_attacks, radio_faults
@@ -46,6 +46,13 @@ APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
 """A web service some tens of milliseconds away."""
 
 
+class _Everywhere:
+    """All endpoints."""
+
+    def __contains__(self, endpoint: object) -> bool:
+        return True
+
+
 @dataclass(slots=True)
 class Rig:
     """A scenario ready to run: the wiring, and what the run folder says of it."""
@@ -62,10 +69,18 @@ class Rig:
     """The one that owns the radio medium, if there is one."""
 
 
-def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequence[AttackPlan] = ()) -> Rig:
+def wire(
+    scenario: Scenario,
+    *,
+    taps: Sequence[TapPlacement] = (),
+    attacks: Sequence[AttackPlan] = (),
+    local: Container[str] | None = None,
+) -> Rig:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
-    `taps` and `attacks` are placed on the scenario's links, by name or pattern.
+    `taps` and `attacks` are placed on the scenario's links, by name or pattern. With `local` only what lives at these
+    endpoints is built, as a process needs it that runs a part of the range: world, oracle and autopilots where
+    `oracle` is among them.
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
@@ -76,12 +91,16 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
     links += made.links
-    air = on_air(scenario, city, Chance(scenario.seed), made.radios)
+    here: Container[str] = _Everywhere() if local is None else local
+    whole = ENDPOINT in here
+    air = on_air(scenario, city, Chance(scenario.seed), made.radios, here)
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
     plans = {vehicle_id(operator.id, vehicle.id): flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet}
-    world, engines = _aircraft(scenario, city, chance)
-    agents: list[Agent] = [*_approvals(scenario)]
+    world, engines = _aircraft(scenario, city, chance) if whole else (None, [])
+    agents: list[Agent] = [*_approvals(scenario)] if APPROVAL in here else []
     for operator in scenario.operators:
+        if endpoint(operator.id, "gcs") not in here:
+            continue
         flights = [
             Flight(
                 vehicle=vehicle_id(operator.id, vehicle.id),
@@ -97,13 +116,16 @@ def wire(scenario: Scenario, *, taps: Sequence[TapPlacement] = (), attacks: Sequ
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
-        routes=all_routes,
+        routes=[route for route in all_routes if route.endpoint in here],
         agents=[*agents, *air.agents],
         watchers=air.watchers,
         taps=[*made.taps, *taps],
-        attacks=[*made.plans, *attacks],
+        attacks=[
+            plan if whole else replace(plan, agents=(), faults=(), trigger=None) for plan in (*made.plans, *attacks)
+        ],
         world=world,
         engines=engines,
+        local=local,
         wall_deadline_s=scenario.autopilots.deadline_s,
         on_silent=scenario.autopilots.on_silent,
         on_unready=scenario.autopilots.on_unready,

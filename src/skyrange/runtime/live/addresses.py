@@ -1,0 +1,97 @@
+"""At which address does a link cross between two processes? The published ports, +10 for each aircraft or operator."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from skyrange.agent.links import LinkSpec
+from skyrange.core.errors import Fault, InputError
+
+LOOPBACK: Final = "127.0.0.1"
+STEP: Final = 10
+Transport = Literal["udp", "tcp", "zmq", "http"]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """How links of one kind cross: the first port, and which role's end listens there."""
+
+    transport: Transport
+    port: int
+    listens: str
+
+
+KINDS: Final[Mapping[str, Kind]] = {
+    "gcs": Kind("udp", 14555, "gcs"),
+    "log": Kind("tcp", 14551, "proxy"),
+    "autopilot": Kind("tcp", 5760, "autopilot"),
+    "rid_data": Kind("zmq", 14558, "proxy"),
+    "rid_up": Kind("zmq", 14556, "oracle"),
+    "rid_down": Kind("zmq", 14557, "oracle"),
+    "oracle": Kind("zmq", 30000, "oracle"),
+    "approval": Kind("http", 18080, "approval"),
+}
+"""By the link's kind. The proxy serves the companion as a MAVLink router does, the autopilot the proxy as SITL does;
+what many talk to listens; a ground station waits for its aircraft."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """One link between two processes."""
+
+    link: LinkSpec
+    transport: Transport
+    listener: str
+    """The endpoint that listens."""
+    address: tuple[str, int]
+
+
+def crossings(links: Sequence[LinkSpec], crossing: Iterable[LinkSpec], offset: int = 0) -> list[Crossing]:
+    """Where each of `crossing` does; `links` are all of the range, so that grouping moves no port.
+
+    The n-th link of a kind has that kind's first port + 10 n + `offset`. `InputError` where a port would be none.
+    """
+    places: dict[str, int] = {}
+    numbered: dict[str, int] = {}
+    for spec in links:
+        name = spec.name.partition(":")[0]
+        places[spec.name] = numbered.get(name, 0)
+        numbered[name] = places[spec.name] + 1
+    found, faults = [], []
+    for spec in crossing:
+        kind = KINDS[spec.name.partition(":")[0]]
+        port = kind.port + STEP * places[spec.name] + offset
+        listener = next(end for end in (spec.a, spec.b) if end.rpartition(".")[2] == kind.listens)
+        if not 1 <= port <= 65_535:
+            faults.append(Fault(spec.name, f"port {port}", "a port from 1 to 65535", "Choose another --port-offset."))
+        found.append(Crossing(spec, kind.transport, listener, (LOOPBACK, port)))
+    if faults:
+        raise InputError("live", faults)
+    return found
+
+
+def check_free(places: Sequence[Crossing]) -> None:
+    """Raise `InputError` with every address that is in use, or that two links would share."""
+    faults = []
+    held: dict[tuple[str, tuple[str, int]], str] = {}
+    for one in places:
+        family = "udp" if one.transport == "udp" else "tcp"
+        other = held.setdefault((family, one.address), one.link.name)
+        where = f"{one.link.name} at {one.address[0]}:{one.address[1]}/{family}"
+        hint = "Move all ports with --port-offset, or end what uses it."
+        if other != one.link.name:
+            faults.append(Fault(where, f"taken by {other}", "an address of its own", hint))
+            continue
+        kind = socket.SOCK_DGRAM if family == "udp" else socket.SOCK_STREAM
+        with socket.socket(socket.AF_INET, kind) as tried:
+            if family == "tcp":
+                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                tried.bind(one.address)
+            except OSError as error:
+                faults.append(Fault(where, error.strerror or str(error), "an address that is free", hint))
+    if faults:
+        raise InputError("live", faults)
