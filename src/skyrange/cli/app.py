@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import commands, parity
+from skyrange.cli import commands, live, parity
 
 app = typer.Typer(
     name="skyrange",
@@ -136,6 +136,73 @@ def run(
 ) -> None:
     """Fly a scenario and leave a run folder with a report."""
     commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, as_json)
+
+
+class Grouping(StrEnum):
+    """How a live range's components share processes."""
+
+    COMPONENT = "component"
+    OPERATOR = "operator"
+    ONE = "one"
+
+
+class Death(StrEnum):
+    """What becomes of a live range in which a node dies."""
+
+    STOP = "stop"
+    CONTINUE = "continue"
+
+
+@app.command("live", epilog="Example: skyrange live squares --external blue.gcs")
+def live_(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME|FILE",
+            help="A shipped scenario's name (see `skyrange scenarios`) or a TOML file.",
+            autocompletion=_complete_scenario,
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="The run's folder, empty or new. Default: runs/NAME, then runs/NAME-2 …"),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="Chance of the run, over the scenario's.")] = None,
+    buildings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
+        ),
+    ] = None,
+    group: Annotated[
+        Grouping | None,
+        typer.Option(
+            metavar="HOW",
+            help="Which components share a process: component, none do; operator, those of an operator; one, all do. "
+            "Default: component while there are at most eight for each core, then operator.",
+        ),
+    ] = None,
+    external: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COMPONENT",
+            help="Start no process for this one, such as blue.gcs: a program of yours is it. May be repeated.",
+        ),
+    ] = None,
+    port_offset: Annotated[int, typer.Option(metavar="N", min=-5000, max=35_000, help="Added to every port.")] = 0,
+    on_death: Annotated[
+        Death, typer.Option(metavar="HOW", help="When a process dies: stop the range, or continue without it.")
+    ] = Death.STOP,
+    as_json: AsJson = False,
+) -> None:
+    """Fly a scenario in real time, every component a process of its own on real sockets."""
+    how = group.value if group is not None else None
+    live.live(scenario, out, seed, buildings, changes or [], how, external or [], port_offset, on_death.value, as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")

@@ -64,7 +64,7 @@ def run(
     if as_json:
         print_json(facts)
     else:
-        _print_summary(facts)
+        print_summary(facts)
     if shortfall is not None:
         raise shortfall
 
@@ -169,10 +169,11 @@ def show(folder: Path, as_json: bool) -> None:
     if as_json:
         print_json(facts)
     else:
-        _print_summary(facts)
+        print_summary(facts)
 
 
-def _print_summary(facts: dict[str, Any]) -> None:
+def print_summary(facts: dict[str, Any]) -> None:
+    """What a run was and how it went, as `skyrange show` says it."""
     from rich.markup import escape
     from rich.table import Table
 

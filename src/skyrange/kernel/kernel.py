@@ -169,6 +169,17 @@ class Kernel:
         outbound, traffic.outbound = traffic.outbound, []
         return outbound
 
+    @property
+    def due(self) -> Time:
+        """When something next happens here, unless a frame comes from elsewhere; `NEVER` where nothing will."""
+        heap = self._traffic.heap
+        return min(self._next_tick, heap[0][0] >> 3 if heap else NEVER)
+
+    def lane(self, name: str) -> tuple[str, str]:
+        """Source and destination of a lane, `link:direction`."""
+        lane = self._traffic.lanes[name]
+        return lane.src, lane.dst
+
     def watcher(self, name: str) -> Watcher:
         """One of this kernel's own watchers: a fork has others than its stem. `KeyError` for a name that is none."""
         return cast("Watcher", self._seats[name].agent)

@@ -1,0 +1,144 @@
+"""How does a node hold its ends of the links that cross to others? Opened once, back whenever the peer is.
+
+An end hands in what it hears as payloads, a protocol unit each, and is told what to send; it never waits.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from skyrange.codec.deframe import Piece
+from skyrange.io.mavlink_sockets import TcpEnd, UdpEnd, serve_tcp
+from skyrange.runtime.live.addresses import Crossing
+
+OnPayload = Callable[[bytes], None]
+AGAIN_S: Final = 0.2
+"""Between two attempts to reach a peer that is not there."""
+
+
+class End(Protocol):
+    """One side of one crossing."""
+
+    def send(self, payload: bytes) -> bool:
+        """Say a payload; False where nobody is there to hear it, or too much waits already."""
+        ...
+
+    def close(self) -> None:
+        """Give the socket back."""
+        ...
+
+
+async def listening(crossing: Crossing, heard: OnPayload) -> End:
+    """The end that waits at the crossing's address. `OSError` where that is taken."""
+
+    def piece(one: Piece) -> None:
+        heard(one.data)
+
+    if crossing.transport == "udp":
+        return await UdpEnd.open(piece, crossing.address)
+    if crossing.transport == "tcp":
+        return await _TcpServer.open(piece, crossing.address)
+    return _Tmp(crossing, heard, True)
+
+
+async def calling(crossing: Crossing, heard: OnPayload) -> End:
+    """The end that goes to the crossing's address, now or as soon as somebody is there."""
+
+    def piece(one: Piece) -> None:
+        heard(one.data)
+
+    if crossing.transport == "udp":
+        return await UdpEnd.open(piece, remote=crossing.address)
+    if crossing.transport == "tcp":
+        return _TcpCaller(piece, crossing.address)
+    return _Tmp(crossing, heard, False)
+
+
+class _TcpServer:
+    """Listens for one peer; a later one takes the place of the one before, as with SITL's serial ports."""
+
+    def __init__(self, piece: Callable[[Piece], None]) -> None:
+        self._piece = piece
+        self._server: asyncio.Server | None = None
+        self._peer: TcpEnd | None = None
+
+    @classmethod
+    async def open(cls, piece: Callable[[Piece], None], address: tuple[str, int]) -> _TcpServer:
+        made = cls(piece)
+        made._server, _ = await serve_tcp(made._accept, address)
+        return made
+
+    def _accept(self) -> TcpEnd:
+        if self._peer is not None:
+            self._peer.close()
+        self._peer = TcpEnd(self._piece)
+        return self._peer
+
+    def send(self, payload: bytes) -> bool:
+        """See `End`."""
+        return self._peer is not None and self._peer.send(payload)
+
+    def close(self) -> None:
+        """See `End`."""
+        if self._server is not None:
+            self._server.close()
+        if self._peer is not None:
+            self._peer.close()
+
+
+class _TcpCaller:
+    """Connects, and again whenever the connection is lost."""
+
+    def __init__(self, piece: Callable[[Piece], None], address: tuple[str, int]) -> None:
+        self._peer: TcpEnd | None = None
+        self._task = asyncio.get_running_loop().create_task(self._keep(piece, address))
+
+    async def _keep(self, piece: Callable[[Piece], None], address: tuple[str, int]) -> None:
+        while True:
+            try:
+                peer = await TcpEnd.connect(piece, address)
+            except OSError:
+                await asyncio.sleep(AGAIN_S)
+                continue
+            self._peer = peer
+            await peer.lost
+            self._peer = None
+
+    def send(self, payload: bytes) -> bool:
+        """See `End`."""
+        return self._peer is not None and self._peer.send(payload)
+
+    def close(self) -> None:
+        """See `End`."""
+        self._task.cancel()
+        if self._peer is not None:
+            self._peer.close()
+
+
+class _Tmp:
+    def __init__(self, crossing, heard, bind):
+        import zmq
+        import zmq.asyncio
+
+        self.s = zmq.asyncio.Context.instance().socket(zmq.PAIR)
+        a = f"tcp://{crossing.address[0]}:{crossing.address[1]}"
+        self.s.bind(a) if bind else self.s.connect(a)
+        self.t = asyncio.get_running_loop().create_task(self._go(heard))
+
+    async def _go(self, heard):
+        while True:
+            heard(await self.s.recv())
+
+    def send(self, p):
+
+        asyncio.get_running_loop().create_task(self._put(p))
+        return True
+
+    async def _put(self, p):
+        await self.s.send(p)
+
+    def close(self):
+        self.t.cancel()
+        self.s.close(0)

@@ -1,0 +1,323 @@
+"""What does one process of a live range do? A kernel of its own endpoints, paced by the range's clock, on real sockets.
+
+`python -m skyrange.runtime.live.node FILE`, as the supervisor starts it. What a kernel hands out for others is
+written to the link's socket when it would have come out of the link's channel; what a socket hands in arrives when it
+was read. Only payloads cross, so a peer may be any program.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from heapq import heappop, heappush
+from pathlib import Path
+from typing import Any, Final
+
+from skyrange.agent.frames import Frame
+from skyrange.agent.links import Channel, LinkSpec
+from skyrange.core.errors import ComponentError, SkyrangeError
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.kernel import Kernel
+from skyrange.kernel.lane import Transit
+from skyrange.record import Recorder
+from skyrange.runtime.collector import at_ease
+from skyrange.runtime.live.addresses import Crossing
+from skyrange.runtime.live.clock import RangeClock
+from skyrange.runtime.live.control import Phone
+from skyrange.runtime.live.ends import End, calling, listening
+from skyrange.scenario.load import load_file
+from skyrange.scenario.wire import Rig, wire
+
+SLICE_NS: Final[Time] = 50 * NS_PER_MS
+"""The most that a node makes good at once, so that its sockets are served while it is behind."""
+STATUS_S: Final = 0.5
+WARM_UP_NS: Final[Time] = 30 * NS_PER_S
+"""Of simulated time, flown beforehand and thrown away."""
+MOST_WAITING: Final = 100_000
+"""Payloads that wait to be taken in; more are dropped and counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Orders:
+    """What a node is told by the file that it is started with."""
+
+    name: str
+    endpoints: tuple[str, ...]
+    scenario: str
+    part: str
+    control: str
+    crossings: tuple[Crossing, ...]
+
+    def to_json(self) -> str:
+        """As the file has it."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> Orders:
+        """What `to_json` wrote."""
+        said = json.loads(text)
+        crossings = [
+            Crossing(
+                LinkSpec(**{**row["link"], "channel": Channel(**row["link"]["channel"])}),
+                row["transport"],
+                row["listener"],
+                (row["address"][0], row["address"][1]),
+            )
+            for row in said.pop("crossings")
+        ]
+        return cls(**{**said, "endpoints": tuple(said["endpoints"])}, crossings=tuple(crossings))
+
+
+@dataclass(slots=True)
+class Counts:
+    """What has crossed, since the start."""
+
+    sent: int = 0
+    received: int = 0
+    unheard: int = 0
+    """Payloads that no peer took."""
+    dropped: int = 0
+    """Payloads that came faster than they could be taken in."""
+    late_ns: Time = 0
+    """The most that the node was behind the clock."""
+
+
+class Node:
+    """One process's part of the range."""
+
+    def __init__(self, orders: Orders, rig: Rig, recorder: Recorder) -> None:
+        self.counts = Counts()
+        self._orders = orders
+        self._kernel = Kernel(replace(rig.wiring, fuse=False), [recorder])
+        self._recorder = recorder
+        self._duration_ns = rig.duration_ns
+        self._clock = RangeClock(0)
+        self._ends: dict[str, End] = {}
+        self._waiting: list[tuple[str, bytes]] = []
+        self._awake = asyncio.Event()
+        self._pending: list[tuple[Time, int, Transit]] = []
+        self._pushed = 0
+        self._arrived: dict[str, int] = {}
+        self._stopped = ""
+        """Why it ends early, such as "interrupted"; "" while it does not."""
+
+    async def bind(self) -> None:
+        """Hold the addresses at which others call."""
+        await self._open(listening, mine=True)
+
+    async def connect(self) -> None:
+        """Call the others."""
+        await self._open(calling, mine=False)
+
+    async def _open(self, how: Any, *, mine: bool) -> None:
+        own = frozenset(self._orders.endpoints)
+        for crossing in self._orders.crossings:
+            spec = crossing.link
+            if (crossing.listener in own) is not mine:
+                continue
+            incoming = f"{spec.name}:{'rev' if spec.a in own else 'fwd'}"
+            try:
+                self._ends[spec.name] = await how(crossing, lambda data, lane=incoming: self._heard(lane, data))
+            except OSError as error:
+                host, port = crossing.address
+                raise ComponentError(
+                    self._orders.name,
+                    f"{spec.name} at {host}:{port}: {error.strerror or error}",
+                    "Move all ports with --port-offset",
+                ) from error
+
+    def _heard(self, lane: str, data: bytes) -> None:
+        if len(self._waiting) >= MOST_WAITING:
+            self.counts.dropped += 1
+            return
+        self._waiting.append((lane, data))
+        self._awake.set()
+
+    def boot(self) -> None:
+        """Everything before time 0."""
+        if self._kernel.now < -1:
+            self._kernel.advance(-1)
+
+    def stop(self, why: str) -> None:
+        """End before the scenario does."""
+        self._stopped = self._stopped or why
+        self._awake.set()
+
+    async def fly(self, zero_ns: int) -> str:
+        """Until the end, or until it is stopped; how it ended, as a record's status."""
+        self._clock = RangeClock(zero_ns)
+        while not self._stopped:
+            now = self._clock.now()
+            if now >= 0:
+                self._turn(min(now, self._duration_ns))
+                if self._kernel.now >= self._duration_ns:
+                    return "complete"
+            due = self._pending[0][0] if self._pending else self._duration_ns
+            due = max(min(self._kernel.due, due, self._duration_ns), 0)
+            await self._rest(due)
+        return self._stopped
+
+    async def _rest(self, due: Time) -> None:
+        """Until `due`, or until something is heard; sockets are served at least once."""
+        self._awake.clear()
+        seconds = (due - self._clock.now()) / NS_PER_S
+        if self._waiting or seconds <= 0.0:
+            await asyncio.sleep(0)
+            return
+        try:
+            async with asyncio.timeout(seconds):
+                await self._awake.wait()
+        except TimeoutError:
+            return
+
+    def _turn(self, now: Time) -> None:
+        """Take in what was heard, go on to `now`, and say what is due."""
+        kernel = self._kernel
+        self.counts.late_ns = max(self.counts.late_ns, now - kernel.now)
+        until = min(now, kernel.now + SLICE_NS)
+        heard, self._waiting = self._waiting, []
+        if heard:
+            until = max(until, kernel.now + 1)
+            inbound = [self._transit(lane, data, until) for lane, data in heard]
+        else:
+            inbound = []
+        for transit in kernel.advance(until, inbound):
+            self._pushed += 1
+            heappush(self._pending, (transit.arrival, self._pushed, transit))
+        while self._pending and self._pending[0][0] <= now:
+            self._say(heappop(self._pending)[2])
+
+    def _transit(self, lane: str, data: bytes, arrival: Time) -> Transit:
+        """What was heard, as the kernel takes it: who truly sent it, and when, is known where it was sent."""
+        self.counts.received += 1
+        serial = self._arrived.get(lane, 0)
+        self._arrived[lane] = serial + 1
+        link, _, direction = lane.rpartition(":")
+        src, dst = self._kernel.lane(lane)
+        return Transit(arrival, lane, Frame(link, direction, src, serial, src, dst, arrival, data))
+
+    def _say(self, transit: Transit) -> None:
+        frame = transit.frame
+        self._recorder.on_frame(frame)  # in flight, as far as is known here
+        end = self._ends.get(frame.link)
+        if end is not None and end.send(frame.payload):
+            self.counts.sent += 1
+        else:
+            self.counts.unheard += 1
+
+    @property
+    def status(self) -> Mapping[str, float]:
+        """For the supervisor's table."""
+        behind = max(self._clock.now() - self._kernel.now, 0) if self._kernel.now >= 0 else 0
+        ahead = self._kernel.due - self._kernel.now  # with nothing to do it need not be awake
+        return {
+            **asdict(self.counts),
+            "now_ns": self._kernel.now,
+            "lag_ns": behind if behind > ahead else 0,
+            "cpu_s": time.process_time(),
+        }
+
+    def close(self) -> None:
+        """Give sockets and programs back; what still waits to be said is in flight."""
+        for _, _, transit in sorted(self._pending, key=lambda entry: entry[:2]):
+            self._recorder.on_frame(transit.frame)
+        self._pending.clear()
+        for end in self._ends.values():
+            end.close()
+        self._kernel.finish()
+
+
+async def serve(orders: Orders) -> int:
+    """Run a node from its first word to the supervisor to its last; the exit code."""
+    phone = Phone(orders.name, orders.control)
+    phone.open()
+    try:
+        await phone.tell("hello")
+        try:
+            scenario, here = load_file(orders.scenario), frozenset(orders.endpoints)
+            rig = wire(scenario, local=here)
+            if all(vehicle.autopilot == "builtin" for _, vehicle in scenario.fleet):
+                # so that nothing is compiled or loaded in flight: all of it, in virtual time, thrown away
+                Kernel(wire(scenario).wiring).advance(min(rig.duration_ns, WARM_UP_NS))
+            return await _serve(orders, phone, rig)
+        except (SkyrangeError, OSError) as error:
+            await phone.tell("done", status="failed", error=str(error))
+            print(error, file=sys.stderr)
+            return getattr(error, "exit_code", 3)
+    finally:
+        phone.close()
+
+
+async def _serve(orders: Orders, phone: Phone, rig: Rig) -> int:
+    told = {"name": orders.name, "endpoints": list(orders.endpoints), "offset_ns": 0}
+    record = rig.scenario.record
+    recorder = Recorder.open(
+        Path(orders.part), rig.header | {"node": told}, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz
+    )
+    recorder.listen(rig.oracle)
+    node = Node(orders, rig, recorder)
+    tasks: list[asyncio.Task[None]] = []
+    status, error = "failed", ""
+    try:
+        await node.bind()
+        await phone.tell("bound")
+        await _until(phone, "connect")
+        await node.connect()
+        node.boot()
+        await phone.tell("ready")
+        start = await _until(phone, "start")
+        tasks = [asyncio.create_task(_report(phone, node)), asyncio.create_task(_obey(phone, node))]
+        with at_ease():
+            status = await node.fly(int(start["zero_ns"]))
+    except _StoppedError:
+        status = "interrupted"
+    except SkyrangeError as failure:
+        error = str(failure)
+        raise
+    finally:
+        for task in tasks:
+            task.cancel()
+        node.close()
+        recorder.close(status, {"error": error} if error else None)
+    await phone.tell("done", status=status, **node.status)
+    return 0
+
+
+class _StoppedError(Exception):
+    """The supervisor does not want to start any more."""
+
+
+async def _until(phone: Phone, kind: str) -> Mapping[str, Any]:
+    while True:
+        said = await phone.hear()
+        if said["kind"] == kind:
+            return said
+        if said["kind"] == "stop":
+            raise _StoppedError
+
+
+async def _obey(phone: Phone, node: Node) -> None:
+    while (await phone.hear())["kind"] != "stop":
+        pass
+    node.stop("interrupted")
+
+
+async def _report(phone: Phone, node: Node) -> None:
+    while True:
+        await phone.tell("status", **node.status)
+        await asyncio.sleep(STATUS_S)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor's to hear
+    return asyncio.run(serve(Orders.from_json(Path(arguments[0]).read_text())))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,198 @@
+"""A range as processes on real sockets: it flies as in virtual time, strangers take part, and nothing of it stays."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymavlink import mavutil
+
+from skyrange.core.time import NS_PER_S
+from skyrange.record import load
+from skyrange.study.session import run
+
+pytestmark = pytest.mark.integration
+
+OFFSET = 7000 + os.getpid() % 2500 * 10
+"""So that two test runs on one machine are out of each other's way."""
+SCENARIO = """
+name = "live"
+seed = 4
+duration_s = {seconds}
+
+[origin]
+lat = -35.363328
+lon = 149.1652241
+
+[[operators]]
+id = "blue"
+vehicles = [{{ id = "b1", plan = {{ path = {{ points = [[0.0, 10.0]], alt_m = 5.0 }}, end = "land" }} }}]
+
+[[operators]]
+id = "green"
+vehicles = [{{ id = "g1", start = [60.0, 0.0], plan = {{ path = {{ points = [[0.0, 10.0]], alt_m = 5.0 }} }} }}]
+"""
+
+
+def scenario(folder: Path, seconds: float) -> Path:
+    path = folder / "live.toml"
+    path.write_text(SCENARIO.format(seconds=seconds))
+    return path
+
+
+def started(folder: Path, seconds: float, *options: str) -> subprocess.Popen[str]:
+    command = [
+        sys.executable, "-c", "import sys; from skyrange.cli import main; sys.exit(main())", "live", str(scenario(folder, seconds)), "--out", str(folder / "run"),
+        "--port-offset", str(OFFSET), *options,
+    ]  # fmt: skip
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def nodes(folder: Path) -> dict[str, int]:
+    """The process ids of the nodes of the range in a folder, by name."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / "cmdline").read_bytes().decode().split("\0")
+            except OSError:
+                continue
+            if "skyrange.runtime.live.node" in command and str(folder) in command[-2]:
+                found[Path(command[-2]).parent.stem] = int(entry.name)
+    return found
+
+
+def until(holds: Callable[[], Any], seconds: float, what: str) -> Any:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        found = holds()
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f"not within {seconds:g} s: {what}")
+
+
+def fly_by_hand(port: int) -> dict[str, float]:
+    """An operator's own program, in life: up to 4 m and down again; when, in s of the machine's clock."""
+    link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", source_system=255)
+    seen: dict[str, float] = {}
+    try:
+        assert link.wait_heartbeat(timeout=120) is not None
+        seen["heard"] = time.monotonic()
+
+        def command(number: int, *params: float) -> None:
+            link.mav.command_long_send(1, 1, number, 0, *[*params, *[0.0] * 7][:7])
+
+        def told(kind: str, holds: Callable[[Any], bool], again: Callable[[], None], seconds: float = 60.0) -> None:
+            deadline = time.monotonic() + seconds
+            asked = 0.0
+            while time.monotonic() < deadline:
+                if time.monotonic() > asked + 2.0:
+                    asked = time.monotonic()
+                    again()
+                    link.mav.heartbeat_send(6, 8, 0, 0, 4)
+                message = link.recv_match(type=kind, blocking=True, timeout=0.5)
+                if message is not None and holds(message):
+                    return
+            raise AssertionError(f"no such {kind}")
+
+        guided, landing = 4, 9
+        armed = mavutil.mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        told("HEARTBEAT", lambda m: m.custom_mode == guided, lambda: command(176, 1, guided))
+        command(511, 33, 100_000)  # GLOBAL_POSITION_INT at 10 Hz
+        told("HEARTBEAT", lambda m: bool(m.base_mode & armed), lambda: command(400, 1))
+        told("GLOBAL_POSITION_INT", lambda m: m.relative_alt > 3500, lambda: command(22, 0, 0, 0, 0, 0, 0, 4))
+        seen["up"] = time.monotonic()
+        told("HEARTBEAT", lambda m: m.custom_mode == landing, lambda: command(176, 1, landing))
+        told("HEARTBEAT", lambda m: not m.base_mode & armed, lambda: None)
+        seen["down"] = time.monotonic()
+    finally:
+        link.close()
+    return seen
+
+
+def test_it_flies_as_in_virtual_time_while_a_program_of_ours_is_a_ground_station(tmp_path: Path) -> None:
+    process = started(tmp_path, 50.0, "--external", "green.gcs", "--json")
+    try:
+        fly_by_hand(14555 + 10 + OFFSET)
+        out, err = process.communicate(timeout=150.0)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    facts = json.loads(out)
+    assert facts["live"]["outside"] == ["green.gcs"]
+    assert len(facts["live"]["nodes"]) == 7
+    assert nodes(tmp_path) == {}
+    live, twin = load(tmp_path / "run"), run(scenario(tmp_path, 50.0), tmp_path / "twin")
+    assert live.manifest["status"] == "complete"
+
+    def events(record: Any, about: str) -> list[tuple[str, float]]:
+        rows = record.table("events").to_pylist()
+        return [(row["kind"], row["time_ns"] / NS_PER_S) for row in rows if row["about"] == about]
+
+    blue, theirs = events(live, "blue/b1"), events(twin, "blue/b1")
+    assert [kind for kind, _ in blue] == [kind for kind, _ in theirs]
+    assert max(abs(at - other) for (_, at), (_, other) in zip(blue, theirs, strict=True)) < 2.0
+    assert live.outcomes["blue/b1"]["state"] == "complete"
+    assert {"event.takeoff", "event.landed", "event.disarmed"} <= {kind for kind, _ in events(live, "green/g1")}
+    frames = live.table("frames").to_pylist()
+    kinds = {row["link"].partition(":")[0] for row in frames}
+    assert kinds == {"gcs", "log", "autopilot", "rid_data", "approval"}
+    ours = [row for row in frames if row["link"] == "gcs:green/g1" and row["id"].split("|")[2] == "outside"]
+    assert len(ours) > 5
+    assert all(row["fate"] == "delivered" for row in ours)
+    blues = [row for row in frames if row["link"].endswith(":blue/b1") and row["fate"] == "delivered"]
+    assert not any("|outside|" in row["id"] for row in blues)
+    assert all(row["arrived_ns"] > row["sent_ns"] for row in blues)
+
+
+def test_a_killed_companion_is_a_lost_link_and_what_it_recorded_stays(tmp_path: Path) -> None:
+    process = started(tmp_path, 25.0, "--on-death", "continue", "--json")
+    try:
+        victim = until(lambda: nodes(tmp_path).get("blue-b1.companion"), 60.0, "a companion")
+        part = tmp_path / "run.parts" / "blue-b1.companion"
+        until(lambda: (part / ".spool" / "frames-0000.arrows").exists(), 120.0, "its record")
+        time.sleep(4.0)
+        os.kill(victim, signal.SIGKILL)
+        out, err = process.communicate(timeout=120.0)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    facts = json.loads(out)
+    assert list(facts["live"]["ended"]) == ["blue/b1.companion"]
+    assert "SIGKILL" in facts["live"]["ended"]["blue/b1.companion"]
+    record = load(tmp_path / "run")
+    lost = [row for row in record.table("decisions").to_pylist() if row["kind"] == "decision.link_lost"]
+    assert {row["about"] for row in lost} == {"blue/b1"}
+    through = [row for row in record.table("frames").to_pylist() if row["link"] == "gcs:blue/b1"]
+    assert sum(row["fate"] == "delivered" for row in through) > 10
+    assert nodes(tmp_path) == {}
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+def test_nothing_of_it_outlives_it(tmp_path: Path, how: signal.Signals) -> None:
+    process = started(tmp_path, 300.0)
+    try:
+        part = tmp_path / "run.parts" / "world" / ".spool" / "truth-0000.arrows"
+        until(part.exists, 120.0, "flight")
+        process.send_signal(how)
+        process.communicate(timeout=60.0)
+        until(lambda: not nodes(tmp_path), 20.0, "no node left")
+    finally:
+        process.kill()
+    if how is signal.SIGINT:
+        assert process.returncode == 4
+        record = load(tmp_path / "run")
+        assert record.manifest["status"] == "interrupted"
+        assert record.rows("truth") > 0
+        assert not (tmp_path / "run.parts").exists()
+    else:
+        assert load(tmp_path / "run.parts" / "world").rows("truth") > 0
