@@ -12,19 +12,22 @@ from skyrange.core.errors import InputError
 from skyrange.record.manifest import MANIFEST
 from skyrange.record.spool import SPOOL
 
+PARTS = ".parts"
+"""What a run's folder may hold before it is a record: what the nodes of a live run wrote (`record.merge`)."""
+
 _PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
 
 
 def make_folder(folder: Path) -> list[Path]:
     """Make the folder, its parents and its spool; returns those that were not there, innermost first.
 
-    `InputError` where it holds anything. Of several runs that want one folder at once a single one gets it, because
-    the spool's folder can be made only once.
+    `InputError` where it holds anything but `PARTS`. Of several runs that want one folder at once a single one gets
+    it, because the spool's folder can be made only once.
     """
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        taken = next(folder.iterdir(), None)
+        taken = next((path for path in folder.iterdir() if path.name != PARTS), None)
         if taken is None:
             (folder / SPOOL).mkdir()
     except FileExistsError as error:
@@ -40,9 +43,10 @@ def make_folder(folder: Path) -> list[Path]:
 
 
 def unmake_folder(folder: Path, made: Sequence[Path]) -> None:
-    """Take away what `make_folder` made and all that was put into `folder` since."""
+    """Take away what `make_folder` made and all that was put into `folder` since, but `PARTS`."""
     for path in folder.iterdir() if folder.is_dir() else ():
-        shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+        if path.name != PARTS:
+            shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
     for path in made:
         with suppress(OSError):  # somebody else may have put something there
             path.rmdir()

@@ -72,3 +72,50 @@ def in_order(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[
 def _keys(table: pa.Table, key: str) -> NDArray[np.int64]:
     keys: NDArray[np.int64] = table.column(key).to_numpy()
     return keys
+
+
+def interleaved(streams: Sequence[Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
+    """The rows of several streams, each in ascending order of `key` and `ties`, in that order of them all.
+
+    Memory: about two tables of each stream. All streams have the same columns.
+    """
+    sorting = [(name, "ascending") for name in (key, *ties)]
+    heads = [head for head in map(_Head, streams) if head.fill(key)]
+    while heads:
+        # a row at the end of a head may have ties that are still to come: it waits, but at the stream's end
+        bound = min(head.bound for head in heads)
+        parts = [head.take(key, bound) for head in heads]
+        yield pa.concat_tables(parts).sort_by(sorting)
+        heads = [head for head in heads if head.fill(key)]
+
+
+class _Head:
+    """The rows of a stream that were read and not yet passed on."""
+
+    def __init__(self, stream: Iterator[pa.Table]) -> None:
+        self._stream = stream
+        self._rows: pa.Table | None = None
+        self.bound = -NEVER
+        """Rows with a lesser key have no other of their key behind them."""
+
+    def fill(self, key: str) -> bool:
+        """Read until some row may be passed on; False at the end."""
+        while True:
+            keys = _keys(self._rows, key) if self._rows is not None else np.zeros(0, dtype=np.int64)
+            if len(keys) and (self.bound == NEVER or keys[0] < keys[-1]):
+                self.bound = self.bound if self.bound == NEVER else int(keys[-1])
+                return True
+            following = next(self._stream, None)
+            if following is None:
+                self.bound = NEVER
+                if not len(keys):
+                    return False
+            elif following.num_rows:
+                self._rows = following if not len(keys) else pa.concat_tables([self._rows, following])
+
+    def take(self, key: str, bound: int) -> pa.Table:
+        assert self._rows is not None
+        keys = _keys(self._rows, key)
+        count = len(keys) if bound == NEVER else int(np.searchsorted(keys, bound))
+        taken, self._rows = self._rows.slice(0, count), self._rows.slice(count)
+        return taken

@@ -11,20 +11,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field
-from math import gcd
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import World
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Note
 from skyrange.agent.verdicts import Label
-from skyrange.core.errors import ComponentError, Fault, InputError
-from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.time import NEVER, Time, to_seconds
 from skyrange.record.air import Air, reception_batch
 from skyrange.record.digests import Digests
 from skyrange.record.finalise import epoch_of, finalise
@@ -42,9 +42,18 @@ from skyrange.record.notes import (
     table_of,
     vehicle_ids,
 )
+from skyrange.record.rates import check_rates, common_period_ns, period_ns
 from skyrange.record.schema import FORMAT
 from skyrange.record.spool import SPOOL, Spool, cannot_write
-from skyrange.record.ticks import SensorTick, TruthTick, sensor_batch, sensor_values, truth_batch, truth_words
+from skyrange.record.ticks import (
+    SensorTick,
+    TruthTick,
+    sensor_batch,
+    sensor_values,
+    ticks_of,
+    truth_batch,
+    truth_words,
+)
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
 _BLOCK_ROWS = 16_384  # of blocks, which are few objects: two or three megabytes
@@ -85,7 +94,7 @@ class Recorder:
     ) -> None:
         """Use `Recorder.open`."""
         self.path = path
-        self.truth_period_ns: Time = _common(state.truth_ns, state.sensors_ns)
+        self.truth_period_ns: Time = common_period_ns(state.truth_ns, state.sensors_ns)
         self._manifest = manifest
         self._state = state
         self._spool = spool
@@ -125,7 +134,7 @@ class Recorder:
         cannot be made, is not empty or cannot be written.
         """
         folder = Path(path).expanduser()
-        _check_rates(truth_hz, sensors_hz)
+        check_rates(truth_hz, sensors_hz)
         try:
             epoch_of(header)
         except ValueError as error:
@@ -144,8 +153,8 @@ class Recorder:
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
         state = _State(
             FrameEncoder(spool_bytes),
-            truth_ns=_period(truth_hz),
-            sensors_ns=_period(sensors_hz),
+            truth_ns=period_ns(truth_hz),
+            sensors_ns=period_ns(sensors_hz),
             truth_due=-NEVER if truth_hz else NEVER,
             sensors_due=-NEVER if sensors_hz else NEVER,
         )
@@ -235,6 +244,16 @@ class Recorder:
             self._tick_bytes += values.nbytes
         if self._tick_bytes >= self._spool_bytes or monotonic() >= self._due_s:
             self.flush()
+
+    def on_rows(self, table: str, batch: pa.RecordBatch) -> None:
+        """Rows of truth, sensors or receptions that another recorder wrote."""
+        state = self._state
+        if self._refused or not batch.num_rows:
+            return
+        if table == "truth":
+            state.digests.add_truth(truth_words(ticks_of(batch)))
+        state.last_ns = max(state.last_ns, pc.max(batch.column("time_ns")).as_py())
+        self._append(table, batch)
 
     # ---------------------------------------------------------------- writing
 
@@ -370,21 +389,3 @@ class Recorder:
             **extra,
             "status": status,
         }
-
-
-def _check_rates(truth_hz: float, sensors_hz: float) -> None:
-    rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
-    expected = "a rate in Hz from 0 (not recorded) to 1000"
-    faults = [Fault(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
-    if faults:
-        raise InputError("recorder", faults)
-
-
-def _common(truth_ns: Time, sensors_ns: Time) -> Time:
-    """A period that meets the multiples of both; one that is not recorded (NEVER) has no say."""
-    wanted = [period for period in (truth_ns, sensors_ns) if period != NEVER]
-    return gcd(*wanted) if wanted else NEVER
-
-
-def _period(rate_hz: float) -> Time:
-    return min(from_seconds(min(1.0 / rate_hz, to_seconds(NEVER))), NEVER) if rate_hz else NEVER

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,6 +64,23 @@ def truth_batch(ticks: Sequence[TruthTick]) -> pa.RecordBatch:
     names = list(ticks[0].columns)
     arrays += [pa.array(_column(ticks, name)) for name in names]
     return pa.RecordBatch.from_arrays(arrays, names=["time_ns", "vehicle", "source", *names])
+
+
+def ticks_of(batch: pa.RecordBatch) -> list[TruthTick]:
+    """The ticks of which rows of truth were made, rows of one time being one tick; `batch` has at least one row."""
+    times = batch.column("time_ns").to_numpy()
+    bounds = [0, *(np.flatnonzero(np.diff(times)) + 1).tolist(), len(times)]
+    vehicles, sources = batch.column("vehicle").to_pylist(), batch.column("source").to_pylist()
+    columns = {name: batch.column(name).to_numpy() for name in batch.schema.names[3:]}
+    return [
+        TruthTick(
+            int(times[start]),
+            tuple(vehicles[start:end]),
+            tuple(sources[start:end]),
+            {name: column[start:end] for name, column in columns.items()},
+        )
+        for start, end in pairwise(bounds)
+    ]
 
 
 def sensor_batch(ticks: Sequence[SensorTick]) -> pa.RecordBatch:

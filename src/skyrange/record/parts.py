@@ -1,0 +1,236 @@
+"""What did one node of a run record? Its part of the record, on the range's clock, whole, killed or damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeGuard
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from skyrange.agent.frames import Fate
+from skyrange.core.errors import InputError
+from skyrange.core.time import NEVER, Time
+from skyrange.record.manifest import MANIFEST
+from skyrange.record.matching import TOLERANCE_NS
+from skyrange.record.order import in_order
+from skyrange.record.renames import Lane, Renames
+from skyrange.record.run import load
+from skyrange.record.schema import TABLES
+from skyrange.record.spool import SPOOL
+from skyrange.record.tables import Tables
+
+FRAME_COLUMNS = (
+    "link", "direction", "sender", "serial", "src", "dst", "sent_ns", "arrived_ns", "fate", "parent", "causes",
+)  # fmt: skip
+"""What is read of a frame, beside its payload."""
+
+KEPT, HANDED, INCOMING = 0, 1, 2
+"""A frame that stayed within its node; one that left for another node; one that came from another."""
+
+_TIMES = {name: ["at_ns", "until_ns"] if name == "labels" else ["time_ns"] for name in TABLES} | {
+    "frames": ["sent_ns", "arrived_ns"]
+}
+_OWN = {MANIFEST, f"{MANIFEST}.new", SPOOL, "operators"}
+
+Flow = tuple[str, str, str]
+"""Link, direction and sender: what counts its frames by itself."""
+
+
+@dataclass(slots=True)
+class Part:
+    """One node's part of a record; `status` is complete, interrupted, failed, killed or missing."""
+
+    number: int
+    folder: Path
+    name: str
+    status: str
+    offset_ns: Time = 0
+    endpoints: frozenset[str] = frozenset()
+    until_ns: Time | None = None
+    """Until when it says itself that it recorded."""
+    tables: Tables | None = None
+    rows: dict[str, int] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    first_ns: Time = NEVER
+    last_ns: Time = -NEVER
+    lanes: dict[Lane, tuple[int, str]] = field(default_factory=dict)
+    """The lanes that cross its border: `HANDED` or `INCOMING`, and the lane's source."""
+    heights: dict[Flow, int] = field(default_factory=dict)
+    """One more than the greatest serial of each sender that it numbered."""
+    shifts: dict[Flow, int] = field(default_factory=dict)
+    """What to add to its serials, where an earlier part has the same senders."""
+    renames: Renames = field(default_factory=lambda: Renames({}, {}))
+
+    @classmethod
+    def open(cls, number: int, folder: Path) -> Part:
+        """The part in `folder`; one that cannot be read has the status `missing`, and no rows."""
+        try:
+            record = load(folder)
+        except InputError as error:
+            return cls(number, folder, folder.name, "missing", problems=[str(error)])
+        node = record.manifest.get("node")
+        if not _whole(node):
+            problem = f"{MANIFEST}: node: {node!r:.80}, expected a table of name, endpoints and offset_ns"
+            return cls(number, folder, folder.name, "missing", problems=[problem])
+        offset, until = node["offset_ns"], node.get("until_ns")
+        return cls(
+            number,
+            folder,
+            node["name"],
+            record.status if record.ended else "killed",
+            offset,
+            frozenset(node["endpoints"]),
+            until + offset if isinstance(until, int) else None,
+            record.tables,
+        )
+
+    def survey(self, sources: Mapping[Lane, tuple[str, str]]) -> None:
+        """Read it once: its rows, its first and last times, its border, its counts. `sources` has each lane's ends."""
+        for lane, (src, dst) in sources.items():
+            if (src in self.endpoints) != (dst in self.endpoints):
+                self.lanes[lane] = (HANDED if src in self.endpoints else INCOMING, src)
+        for name in TABLES:
+            if name in ("payloads", "telemetry") or self.tables is None:
+                continue
+            try:
+                self.rows[name] = sum(map(self._note_times, self._raw(name, _TIMES[name])))
+            except InputError as error:
+                self.rows[name] = 0
+                self.problems.append(str(error))
+
+    def _note_times(self, batch: pa.Table) -> int:
+        for name in batch.column_names:
+            if name in ("time_ns", "at_ns", "sent_ns", "arrived_ns") and batch.num_rows:
+                found = pc.min_max(batch.column(name)).as_py()
+                if found["min"] is not None:
+                    self.first_ns = min(self.first_ns, found["min"] + self.offset_ns)
+                    self.last_ns = max(self.last_ns, found["max"] + self.offset_ns)
+        if "serial" in batch.column_names:
+            for flow, serials in _flows(batch):
+                if self.lanes.get(flow[:2]) != (INCOMING, flow[2]):
+                    self.heights[flow] = max(self.heights.get(flow, 0), int(serials.max()) + 1)
+        return int(batch.num_rows)
+
+    def _raw(self, name: str, columns: Sequence[str] | None) -> Iterator[pa.Table]:
+        """A table as it was recorded; frames have their payloads, and always say whose they are."""
+        if self.tables is None:
+            return
+        if name != "frames":
+            for batch in self.tables.batches(name, columns):
+                yield pa.Table.from_batches([batch])
+            return
+        wanted = FRAME_COLUMNS if columns is None else ("link", "direction", "sender", "serial", *columns)
+        for table in self.tables.frames_with_payloads(wanted):
+            yield table if columns is None else table.drop_columns(["payload"])
+
+    # ---------------------------------------------------------------- rows in order of time, on the range's clock
+
+    def read(self, name: str) -> Iterator[pa.Table]:
+        """A table (no frames) in order of time, with the columns `part` and `row`: its place in the record."""
+        key = _TIMES[name][0]
+        if self.rows.get(name):
+            yield from in_order(lambda: self._numbered(name), key, ("row",))
+
+    def frames(self, crossing: bool) -> Iterator[pa.Table]:
+        """The frames that did not cross its border, in order of sending, or those that did, as they are matched.
+
+        Serials are counted on from earlier parts. Columns are `FRAME_COLUMNS`, `payload`, `part`, `row`. Those that
+        crossed are in order of `key_ns`: what came in waits until all is known that was sent by then; then of `how`
+        (`HANDED` or `INCOMING`) and `order`, that of leaving or of coming in. `left_ns` is about when it left.
+        """
+        if self.rows.get("frames"):
+            key = ("key_ns", ("how", "order")) if crossing else ("sent_ns", ("link", "direction", "sender", "serial"))
+            yield from in_order(lambda: self._sorted_out(crossing), *key)
+
+    def _sorted_out(self, crossing: bool) -> Iterator[pa.Table]:
+        left = -NEVER
+        for table in self._numbered("frames"):
+            how = np.zeros(table.num_rows, dtype=np.int8)
+            serial = table.column("serial").to_numpy().copy()
+            handed = np.asarray(pc.equal(table.column("fate"), str(Fate.IN_FLIGHT)))
+            for (link, direction, sender), rows in _flows(table, which="rows"):
+                lane, source = self.lanes.get((link, direction), (KEPT, ""))
+                if lane == HANDED:
+                    how[rows[handed[rows]]] = HANDED
+                elif lane == INCOMING and sender == source:
+                    how[rows] = INCOMING
+                    continue
+                serial[rows] += self.shifts.get((link, direction, sender), 0)
+            table = table.set_column(table.column_names.index("serial"), "serial", pa.array(serial))
+            # rows are written as frames leave: what was sent and written before a frame had been sent when it left
+            lefts = np.maximum.accumulate(np.append(left, table.column("sent_ns").to_numpy()))
+            left = int(lefts[-1])
+            if crossing:
+                came = how == INCOMING
+                table = (
+                    table.append_column("how", pa.array(how))
+                    .append_column("left_ns", pa.array(lefts[1:]))
+                    .append_column("order", pa.array(np.where(came, serial, table.column("row").to_numpy())))
+                    .append_column("key_ns", pc.add(table.column("sent_ns"), pa.array(came * TOLERANCE_NS)))
+                )
+            yield table.filter(pa.array((how != KEPT) == crossing))
+
+    def _numbered(self, name: str) -> Iterator[pa.Table]:
+        rows = 0
+        for table in self._raw(name, None):
+            for column in _TIMES[name]:
+                moved = _moved(table.column(column), self.offset_ns)
+                table = table.set_column(table.column_names.index(column), column, moved)
+            table = table.append_column("part", pa.array(np.full(table.num_rows, self.number, dtype=np.int64)))
+            yield table.append_column("row", pa.array(np.arange(rows, rows + table.num_rows, dtype=np.int64)))
+            rows += table.num_rows
+
+    # ---------------------------------------------------------------- what else there is
+
+    def files(self) -> Iterator[tuple[str, Path]]:
+        """Files that were attached or kept, by their names in the folder."""
+        for path in sorted(self.folder.rglob("*")) if self.tables is not None else ():
+            name = path.relative_to(self.folder)
+            tabular = len(name.parts) == 1 and name.suffix == ".parquet"
+            if path.is_file() and not path.is_symlink() and name.parts[0] not in _OWN and not tabular:
+                yield str(name), path
+
+    def said(self) -> dict[str, Any]:
+        """Its entry in the manifest of the whole."""
+        entry = {"name": self.name, "status": self.status, "offset_ns": self.offset_ns, "rows": self.rows}
+        return entry | ({"problems": self.problems} if self.problems else {})
+
+
+def _flows(table: pa.Table, which: str = "serials") -> Iterator[tuple[Flow, NDArray[np.int64]]]:
+    """By flow, the serials of its frames or the rows where they stand."""
+    if not table.num_rows:
+        return
+    numbers, names = [], []
+    for name in ("link", "direction", "sender"):
+        column = table.column(name).combine_chunks().dictionary_encode()
+        column = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+        numbers.append(column.indices.to_numpy(zero_copy_only=False).astype(np.int64))
+        names.append(column.dictionary.to_pylist())
+    link, direction, sender = names
+    flow = (numbers[0] * len(direction) + numbers[1]) * len(sender) + numbers[2]
+    order = np.argsort(flow, kind="stable").astype(np.int64)
+    found, starts = np.unique(flow[order], return_index=True)
+    serials: NDArray[np.int64] = table.column("serial").to_numpy()
+    for code, rows in zip(found.tolist(), np.split(order, starts[1:]), strict=True):
+        rest, last = divmod(code, len(sender))
+        key = (link[rest // len(direction)], direction[rest % len(direction)], sender[last])
+        yield key, rows if which == "rows" else serials[rows]
+
+
+def _moved(column: pa.ChunkedArray, offset_ns: Time) -> pa.ChunkedArray:
+    """Times moved by the offset; none stay none, and never stays never."""
+    return pc.if_else(pc.equal(column, NEVER), column, pc.add(column, pa.scalar(offset_ns, pa.int64())))
+
+
+def _whole(node: object) -> TypeGuard[Mapping[str, Any]]:
+    if not isinstance(node, Mapping):
+        return False
+    endpoints = node.get("endpoints")
+    if not isinstance(endpoints, list) or not all(isinstance(each, str) for each in endpoints):
+        return False
+    return isinstance(node.get("name"), str) and isinstance(node.get("offset_ns"), int)

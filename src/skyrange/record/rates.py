@@ -1,0 +1,28 @@
+"""How often are truth and sensors recorded? Rates in Hz, as periods."""
+
+from __future__ import annotations
+
+from math import gcd
+
+from skyrange.core.errors import Fault, InputError
+from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
+
+
+def check_rates(truth_hz: float, sensors_hz: float) -> None:
+    """`InputError` for a rate that nothing can be recorded at."""
+    rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
+    expected = "a rate in Hz from 0 (not recorded) to 1000"
+    faults = [Fault(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
+    if faults:
+        raise InputError("recorder", faults)
+
+
+def common_period_ns(truth_ns: Time, sensors_ns: Time) -> Time:
+    """A period that meets the multiples of both; one that is not recorded (NEVER) has no say."""
+    wanted = [period for period in (truth_ns, sensors_ns) if period != NEVER]
+    return gcd(*wanted) if wanted else NEVER
+
+
+def period_ns(rate_hz: float) -> Time:
+    """The period of a rate in Hz; `NEVER` for 0."""
+    return min(from_seconds(min(1.0 / rate_hz, to_seconds(NEVER))), NEVER) if rate_hz else NEVER
