@@ -21,7 +21,7 @@ import zmq.auth
 from skyrange.core.errors import InputError
 
 PUBLIC_SUFFIX = ".key"
-SECRET_SUFFIX = ".key_secret"
+SECRET_SUFFIX = ".key_secret"  # noqa: S105 (the end of a name)
 MOST_BYTES = 65_536
 """A certificate takes about 400."""
 _WHO = "keys"

@@ -70,7 +70,7 @@ class Room:
                 request = self._doorman.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
                 return False
-            version, number, domain = (request + [b"", b"", b""])[:3]
+            version, number, domain = [*request, b"", b"", b""][:3]
             code, reason = (b"200", b"OK") if self._may_enter(domain, request[5:]) else (b"400", b"unknown key")
             self._doorman.send_multipart([version, number, code, reason, b"", b""], zmq.NOBLOCK)
         return True

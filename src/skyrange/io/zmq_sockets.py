@@ -34,8 +34,9 @@ SLOWEST_RECONNECT_MS = 1_000
 LINGER_MS = 1_000
 """What was sent has this long to go out after `close`."""
 
+_NO_ZMQ = "no ZeroMQ handshake"
 _FAILED = {
-    int(zmq.Event.HANDSHAKE_FAILED_NO_DETAIL): "no ZeroMQ handshake",
+    int(zmq.Event.HANDSHAKE_FAILED_NO_DETAIL): _NO_ZMQ,
     int(zmq.Event.HANDSHAKE_FAILED_PROTOCOL): "a broken handshake, or one under another key",
     int(zmq.Event.HANDSHAKE_FAILED_AUTH): "its key is not allowed",
 }
@@ -88,7 +89,7 @@ class ZmqEnd:
         """Called by `bind` and `connect`."""
         must_be_guarded("ZeroMQ", address, keys is not None, "Give both sides keys (`skyrange keys`).")
         if keys is not None and not binds and len(keys.peers) != 1:
-            raise InputError.one("ZeroMQ", text(address), f"{len(keys.peers)} peers' keys", "the one of who binds there")
+            raise InputError.one("ZeroMQ", text(address), f"{len(keys.peers)} peers' keys", "that of who binds there")
         self.counts = Counts()
         self._on_piece = on_piece
         self._on_note = on_note
@@ -96,9 +97,10 @@ class ZmqEnd:
         self._binds = binds
         self._peer: bytes | None = None
         """Whom a ROUTER addresses."""
-        self._lines: set[int] = set()
-        """Connections, by the descriptors that libzmq names them by."""
-        self._shaken = False
+        self._lines = 0
+        """Connections, and how many of them were let in."""
+        self._shaken = 0
+        self._why = _NO_ZMQ
         self._closed = False
         self._room = Room.enter()
         self._domain = b""
@@ -164,7 +166,7 @@ class ZmqEnd:
     @property
     def connected(self) -> bool:
         """Whether `send` has somebody to send to, as far as is known."""
-        return not self._closed and (self._peer is not None if self._binds else self._shaken)
+        return not self._closed and (self._peer is not None if self._binds else self._shaken > 0)
 
     def send(self, payload: bytes) -> bool:
         """Send one payload as one message; `False`, and counted, without a peer or where its queue is full."""
@@ -189,7 +191,7 @@ class ZmqEnd:
         except zmq.ZMQError as error:
             if error.errno != zmq.EHOSTUNREACH:
                 raise
-            self._lose_peer()
+            self._peer = None
             counts.unsent += 1
             sent = False
         else:
@@ -260,28 +262,35 @@ class ZmqEnd:
         return False
 
     def _on_event(self, kind: int, value: int) -> None:
-        counts = self.counts
         if kind in (zmq.Event.ACCEPTED, zmq.Event.CONNECTED):
-            self._lines.add(value)
+            self._lines += 1
         elif kind == zmq.Event.HANDSHAKE_SUCCEEDED:
-            counts.connections += 1
-            self._shaken = True
-            self._on_note("connected", f"{text(self._address)}: connection {counts.connections}")
+            self._shaken += 1
+            self.counts.connections += 1
+            self._on_note("connected", f"{text(self._address)}: connection {self.counts.connections}")
         elif kind == zmq.Event.DISCONNECTED:
-            self._lines.discard(value)
-            if not self._lines:
-                self._lose_peer()
-        elif kind in _FAILED:
-            counts.refused += 1
-            if worth_noting(counts.refused):
-                self._on_note("refused", f"{text(self._address)}: {_FAILED[kind]}, {counts.refused} so far")
+            self._on_end_of_line()
+        else:
+            self._why = _FAILED[kind]
 
-    def _lose_peer(self) -> None:
-        was_there = self._shaken
-        self._peer = None
-        self._shaken = False
-        if was_there:
-            self._on_note("disconnected", f"{text(self._address)}: the peer has gone")
+    def _on_end_of_line(self) -> None:
+        """A connection has ended.
+
+        libzmq does not say which: while there are more than were let in, it counts as one that was not.
+        So the counts are right once all have ended, in whatever order.
+        """
+        self._lines -= 1
+        if self._lines < self._shaken:
+            self._shaken -= 1
+            if not self._shaken:
+                self._peer = None
+                self._on_note("disconnected", f"{text(self._address)}: the peer has gone")
+            return
+        counts = self.counts
+        counts.refused += 1
+        if worth_noting(counts.refused):
+            self._on_note("refused", f"{text(self._address)}: {self._why}, {counts.refused} so far")
+        self._why = _NO_ZMQ
 
     # --- making it -------------------------------------------------------------------------------
 
@@ -314,5 +323,7 @@ class ZmqEnd:
             (socket.curve_serverkey,) = keys.peers
 
     def _bound(self) -> Address:
-        host, port = str(self._socket.last_endpoint.rstrip(b"\0").decode()).removeprefix("tcp://").rsplit(":", 1)
+        endpoint = self._socket.get(zmq.LAST_ENDPOINT)
+        assert isinstance(endpoint, bytes)
+        host, port = endpoint.rstrip(b"\0").decode().removeprefix("tcp://").rsplit(":", 1)
         return host.strip("[]"), int(port)
