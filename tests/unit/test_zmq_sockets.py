@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from skyrange.codec.deframe import Piece
 from skyrange.core.errors import InputError
-from skyrange.io import zmq_sockets
+from skyrange.io import zmq_room, zmq_sockets
 from skyrange.io.curve_keys import Keys, load_keys, make_keys
 from skyrange.io.mavlink_sockets import LOOPBACK, Address
 from skyrange.io.zmq_sockets import ZmqEnd
@@ -49,6 +49,7 @@ def run(body: Callable[[], Awaitable[None]]) -> None:
             await body()
 
     asyncio.run(bounded())
+    assert not zmq_room._ROOMS  # every end was closed, and the last one took the context along
 
 
 async def until(condition: Callable[[], object]) -> None:

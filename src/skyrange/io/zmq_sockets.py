@@ -105,15 +105,16 @@ class ZmqEnd:
         self._room = Room.enter()
         self._domain = b""
         self._socket = self._room.context.socket(zmq.ROUTER if binds else zmq.DEALER)
+        self._monitor = self._socket.get_monitor_socket(_WATCHED)
         try:
             self._set(keys, address, queue)
-            self._monitor = self._socket.get_monitor_socket(_WATCHED)
             endpoint = f"tcp://{text(address)}"
             if binds:
                 self._socket.bind(endpoint)
             else:
                 self._socket.connect(endpoint)
         except zmq.ZMQError as error:
+            self._monitor.close(linger=0)
             self._socket.close(linger=0)
             self._room.leave(self._domain)
             number = error.errno or 0
