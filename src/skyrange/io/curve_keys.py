@@ -1,0 +1,121 @@
+"""Who may speak on a ZeroMQ link? CURVE key pairs, and the files that keep them.
+
+The files are ZeroMQ's usual certificates (`NAME.key` with the public key, `NAME.key_secret` with both),
+as czmq and pyzmq write them. Both are made for their owner alone (0600); only `.key` is given to others.
+Curve and encoding: https://rfc.zeromq.org/spec/26 (CurveZMQ), https://rfc.zeromq.org/spec/32 (Z85).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import zmq
+import zmq.auth
+
+from skyrange.core.errors import InputError
+
+PUBLIC_SUFFIX = ".key"
+SECRET_SUFFIX = ".key_secret"  # noqa: S105 (the end of a name)
+MOST_BYTES = 65_536
+"""A certificate takes about 400."""
+_WHO = "keys"
+_KEY = re.compile(rb"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
+"""32 bytes in Z85."""
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+class KeyFile(NamedTuple):
+    """What a certificate holds, in Z85; `secret` is `None` in the file that is given to others."""
+
+    public: bytes
+    secret: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class Keys:
+    """One side's own key pair, and the public keys of those it will speak with, all in Z85.
+
+    The side that connects knows one peer, the side that binds as many as may come. The secret stays
+    out of `repr`.
+    """
+
+    public: bytes
+    secret: bytes = field(repr=False)
+    peers: frozenset[bytes]
+
+    @classmethod
+    def load(cls, own: Path, peers: Iterable[Path]) -> Keys:
+        """From the own secret file and the peers' public files. `InputError` names the file that is wrong."""
+        mine = load_keys(own)
+        if mine.secret is None:
+            hint = f"Give the file that ends in {SECRET_SUFFIX}."
+            raise InputError.one(_WHO, str(own), "only a public key", "one's own secret key too", hint)
+        return cls(mine.public, mine.secret, frozenset(load_keys(peer).public for peer in peers))
+
+
+def make_keys(folder: Path, name: str) -> tuple[Path, Path]:
+    """Make a key pair; returns `folder/NAME.key` and `folder/NAME.key_secret`, both 0600.
+
+    Makes the folder (0700) where there is none. `InputError` if either file is there already, since
+    whoever trusts the old key would be locked out, or cannot be written.
+    """
+    if not _NAME.fullmatch(name):
+        raise InputError.one(_WHO, "name", name, "1 to 64 letters, digits, '-', '_' or '.', a letter or digit first")
+    paths = (folder / (name + PUBLIC_SUFFIX), folder / (name + SECRET_SUFFIX))
+    made: list[Path] = []
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for path in paths:
+            # made beforehand: what is opened for writing later keeps these permissions, and was never open to others
+            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
+            made.append(path)
+        zmq.auth.create_certificates(folder, name)
+    except OSError as error:
+        for path in made:
+            path.unlink()
+        if isinstance(error, FileExistsError) and error.filename != str(folder):
+            hint = "Choose another name, or move the old key away."
+            raise InputError.one(_WHO, str(error.filename), "is there already", "no such file", hint) from error
+        reason = (error.strerror or str(error)).lower()
+        raise InputError.one(_WHO, str(folder), reason, "a folder that can be written to") from error
+    return paths
+
+
+def load_keys(path: Path) -> KeyFile:
+    """Read a certificate. `InputError` if it is none, or holds a secret that others can read."""
+    try:
+        with path.open("rb") as file:
+            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+            data = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise InputError.one(_WHO, str(path), reason, "a key file", "`skyrange keys` makes one.") from error
+    if len(data) > MOST_BYTES:
+        raise InputError.one(_WHO, str(path), f"more than {MOST_BYTES} bytes", "a ZeroMQ certificate")
+    public, secret = _entry(path, data, b"public-key"), _entry(path, data, b"secret-key")
+    if public is None:
+        raise InputError.one(_WHO, str(path), "no public-key", "a ZeroMQ certificate", "`skyrange keys` makes one.")
+    if secret is not None:
+        if mode & 0o077:
+            hint = f"chmod 600 {path}, or make a new key if others may have read it."
+            raise InputError.one(_WHO, str(path), f"permissions {mode:04o}", "a secret that only its owner reads", hint)
+        if zmq.curve_public(secret) != public:
+            raise InputError.one(_WHO, str(path), "a public-key that is not the secret-key's", "a pair")
+    return KeyFile(public, secret)
+
+
+def _entry(path: Path, data: bytes, name: bytes) -> bytes | None:
+    found = re.search(rb"^[ \t]*" + re.escape(name) + rb"[ \t]*=[ \t]*(.*?)\s*$", data, re.MULTILINE)
+    if found is None:
+        return None
+    key = found[1].strip(b"\"'")
+    if not _KEY.fullmatch(key):
+        expected = "40 characters of Z85"
+        raise InputError.one(_WHO, f"{path}: {name.decode()}", f"{len(key)} bytes that are no key", expected)
+    return key

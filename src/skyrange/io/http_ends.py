@@ -1,0 +1,353 @@
+"""How does the `approval` link cross HTTP? A server's end for the approval, a client's end for a ground station.
+
+A request frame is an HTTP request and a response frame its response, so that `curl` can file an operational
+intent and a foreign service can decide. HTTP promises no order among requests that are under way together,
+and neither do these ends. What a peer said in HTTP is handed out as a frame; what was lost is counted, and
+no frame made up for it: the ground station asks again in its own time.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import ssl
+from dataclasses import dataclass
+
+import aiohttp
+from aiohttp import web
+from yarl import URL
+
+from skyrange.codec.deframe import Piece
+from skyrange.core.errors import DecodeError
+from skyrange.io import http_frames
+from skyrange.io.ends import OnNote, ignore_note, must_be_guarded, naming, text, worth_noting
+from skyrange.io.http_door import Door
+from skyrange.io.http_frames import JSON_TYPE, MAX_BYTES
+from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
+
+ANSWER_S = 10.0
+"""How long a request waits for its answer; a ground station has asked six times by then."""
+PATIENCE_S = 10.0
+"""How long a client may take for a header, a body, and for reading its answer."""
+CLIENT_S = ANSWER_S + 5.0
+"""So that a server's 504 is heard."""
+MOST_OPEN = 256
+"""Requests that wait for their answers at one end."""
+METHODS = ("PUT", "POST")
+"""A POST stands for a PUT of the same path: many clients know it better (`curl --json`)."""
+_REMEDY = "Give it a token or TLS."
+
+
+@dataclass(slots=True)
+class Counts:
+    """What an end took and gave so far."""
+
+    frames: int = 0
+    """Messages that were handed out."""
+    garbage: int = 0
+    """Messages that came and are no frame: not HTTP, not JSON, another method, too long, too slow."""
+    sent: int = 0
+    overflowed: int = 0
+    """Beyond what may be open: of a server requests refused, of a client frames not sent."""
+    unasked: int = 0
+    """Frames that answer no open request."""
+    unfit: int = 0
+    """Frames that HTTP cannot carry."""
+    refused: int = 0
+    """Messages without the right token."""
+    lost: int = 0
+    """Requests without an answer: of a server answered with 504, of a client not answered at all."""
+
+
+@dataclass(slots=True, eq=False)
+class _Open:
+    path: str
+    answer: asyncio.Future[http_frames.Response]
+
+
+class HttpServerEnd:
+    """The approval's end: requests come in and become frames, response frames answer them."""
+
+    def __init__(
+        self, on_piece: OnPiece, token: str | None, on_note: OnNote, answer_s: float, patience_s: float
+    ) -> None:
+        """Called by `open`."""
+        self._on_piece = on_piece
+        self._on_note = on_note
+        self._token = token
+        self._answer_s = answer_s
+        self._patience_s = patience_s
+        self._counts = Counts()
+        self._open: list[_Open] = []
+        self._door = Door(self._serve, patience_s)
+        self._server: asyncio.Server | None = None
+        self._ending: asyncio.Task[None] | None = None
+        self._address: Address = ("", 0)
+
+    @classmethod
+    async def open(
+        cls,
+        on_piece: OnPiece,
+        local: Address = (LOOPBACK, 0),
+        *,
+        token: str | None = None,
+        tls: ssl.SSLContext | None = None,
+        on_note: OnNote = ignore_note,
+        answer_s: float = ANSWER_S,
+        patience_s: float = PATIENCE_S,
+    ) -> HttpServerEnd:
+        """Listen at `local` (port 0: any free one), for those with `token` as their bearer token (RFC 6750).
+
+        `OSError` names an address that cannot be had; `InputError` one beyond loopback without token or TLS.
+        """
+        must_be_guarded("HTTP", local, token is not None or tls is not None, _REMEDY)
+        end = cls(on_piece, token, on_note, answer_s, patience_s)
+        try:
+            server = await asyncio.get_running_loop().create_server(end._door, *local, ssl=tls)
+        except OSError as error:
+            raise naming(local, error) from error
+        end._server = server
+        end._address = server.sockets[0].getsockname()[:2]
+        return end
+
+    @property
+    def counts(self) -> Counts:
+        """What it took and gave so far."""
+        door = self._door
+        counts = self._counts
+        return Counts(
+            counts.frames,
+            counts.garbage + door.not_http + door.silent,
+            counts.sent,
+            counts.overflowed + door.turned_away,
+            counts.unasked,
+            counts.unfit,
+            counts.refused,
+            counts.lost,
+        )
+
+    @property
+    def address(self) -> Address:
+        """Where it listens."""
+        return self._address
+
+    def send(self, payload: bytes) -> bool:
+        """Answer the oldest open request of the frame's path; `False`, and counted, if there is none.
+
+        An error may name another path than its request did, as where that could not be read. It
+        answers the oldest open request of all, since the service answers in order.
+        """
+        try:
+            response = http_frames.read_response(payload)
+        except DecodeError:
+            self._counts.unfit += 1
+            return False
+        found = next((request for request in self._open if request.path == response.path), None)
+        if found is None and response.status >= 400 and self._open:
+            found = self._open[0]
+        if found is None:
+            self._counts.unasked += 1
+            return False
+        self._open.remove(found)
+        found.answer.set_result(response)
+        self._counts.sent += 1
+        return True
+
+    def close(self) -> None:
+        """Give the port back, and end the connections when what was sent has gone out; open requests get a 503."""
+        if self._server is None:
+            return
+        self._server.close()
+        self._server = None
+        gone = http_frames.error_body("the service has ended")
+        for request in self._open:
+            request.answer.set_result(http_frames.Response(503, request.path, gone))
+        self._open.clear()
+        self._door.pre_shutdown()
+        self._ending = asyncio.get_running_loop().create_task(self._door.shutdown(1.0))
+
+    # --- one request -----------------------------------------------------------------------------
+
+    async def _serve(self, request: web.BaseRequest) -> web.StreamResponse:
+        response = await self._answer(request)
+        try:
+            async with asyncio.timeout(self._patience_s):
+                await response.prepare(request)
+                await response.write_eof()
+        except TimeoutError:
+            self._counts.garbage += 1
+            if request.transport is not None:
+                request.transport.abort()
+            raise ConnectionResetError("the client does not read") from None
+        return response
+
+    async def _answer(self, request: web.BaseRequest) -> web.Response:
+        if self._token is not None and not _is_token(request.headers.get("Authorization", ""), self._token):
+            self._counts.refused += 1
+            if worth_noting(self._counts.refused):
+                self._on_note("refused", f"{request.remote} without the token, {self._counts.refused} so far")
+            return _error(401, "a bearer token is needed", {"WWW-Authenticate": "Bearer"})
+        refusal, frame, path = await self._read(request)
+        if refusal is not None:
+            self._counts.garbage += 1
+            return refusal
+        if len(self._open) >= MOST_OPEN or self._server is None:
+            self._counts.overflowed += 1
+            return _error(503, "too many requests are open", {"Retry-After": "1"})
+        loop = asyncio.get_running_loop()
+        waiting = _Open(path, loop.create_future())
+        self._open.append(waiting)
+        self._counts.frames += 1
+        self._on_piece(Piece(frame, garbage=False))
+        # not asyncio.timeout, which would cancel what `send` may be about to set
+        done, _ = await asyncio.wait([waiting.answer], timeout=self._answer_s)
+        if not done:
+            self._open.remove(waiting)
+            self._counts.lost += 1
+            return _error(504, "the service did not answer")
+        answer = waiting.answer.result()
+        # the path that the frame names, where it is another than was asked for (RFC 9110, 8.7)
+        where = {} if answer.path == path else {"Content-Location": http_frames.quoted(answer.path)}
+        return web.Response(status=answer.status, body=answer.body, content_type=JSON_TYPE, headers=where)
+
+    async def _read(self, request: web.BaseRequest) -> tuple[web.Response | None, bytes, str]:
+        """A refusal, or else the frame and its path."""
+        path = request.path
+        if request.method not in METHODS:
+            return _error(405, "an operational intent is PUT", {"Allow": ", ".join(METHODS)}), b"", path
+        # a web page may send other types to loopback behind its reader's back, and this one not
+        if request.content_type != JSON_TYPE or "Content-Encoding" in request.headers:
+            return _error(415, f"the body has to be {JSON_TYPE}, not encoded"), b"", path
+        try:
+            if request.query_string or http_frames.quoted(path) == "":
+                raise DecodeError("path: expected no query")
+            async with asyncio.timeout(self._patience_s):
+                body = await _bounded(request.content, request.content_length)
+            if body is None:
+                return _error(413, f"at most {MAX_BYTES} bytes"), b"", path
+            frame = http_frames.request_frame("PUT", path, body)
+        except TimeoutError:
+            return _error(408, "the body did not come in time"), b"", path
+        except (DecodeError, OSError, aiohttp.ClientError, web.RequestPayloadError) as error:
+            return _error(400, str(error)), b"", path
+        return (None, frame, path) if len(frame) <= MAX_BYTES else (_error(413, "too long"), b"", path)
+
+
+class HttpClientEnd:
+    """A ground station's end: request frames are made requests, their responses become frames."""
+
+    def __init__(self, on_piece: OnPiece, on_note: OnNote, base: URL, session: aiohttp.ClientSession) -> None:
+        """Called by `open`."""
+        self.counts = Counts()
+        self._on_piece = on_piece
+        self._on_note = on_note
+        self._base = base
+        self._session = session
+        self._under_way: set[asyncio.Task[None]] = set()
+        self._ending: asyncio.Task[None] | None = None
+
+    @classmethod
+    async def open(
+        cls,
+        on_piece: OnPiece,
+        remote: Address,
+        *,
+        token: str | None = None,
+        tls: ssl.SSLContext | None = None,
+        on_note: OnNote = ignore_note,
+        answer_s: float = CLIENT_S,
+    ) -> HttpClientEnd:
+        """For requests to `remote`, which need not be there yet: each connects by itself.
+
+        `InputError` names an address beyond loopback without token or TLS.
+        """
+        must_be_guarded("HTTP", remote, token is not None or tls is not None, _REMEDY)
+        headers = {"Accept": JSON_TYPE, "Accept-Encoding": "identity", "Content-Type": JSON_TYPE}
+        if token is not None:
+            headers["Authorization"] = f"Bearer {token}"
+        session = aiohttp.ClientSession(
+            headers=headers,
+            connector=aiohttp.TCPConnector(limit=MOST_OPEN, ssl=tls if tls is not None else True),
+            timeout=aiohttp.ClientTimeout(total=answer_s),
+            cookie_jar=aiohttp.DummyCookieJar(),
+            auto_decompress=False,
+        )
+        base = URL(f"{'http' if tls is None else 'https'}://{text(remote)}")
+        return cls(on_piece, on_note, base, session)
+
+    @property
+    def address(self) -> Address:
+        """Where requests go."""
+        return self._base.host or "", self._base.port or 0
+
+    def send(self, payload: bytes) -> bool:
+        """Make a frame's request, in the background; `False`, and counted, if it is none or too many are under way."""
+        if self._session.closed or self._ending is not None:
+            return False
+        if len(self._under_way) >= MOST_OPEN:
+            self.counts.overflowed += 1
+            return False
+        try:
+            request = http_frames.read_request(payload)
+        except DecodeError:
+            self.counts.unfit += 1
+            return False
+        task = asyncio.get_running_loop().create_task(self._ask(request))
+        self._under_way.add(task)
+        task.add_done_callback(self._under_way.discard)
+        self.counts.sent += 1
+        return True
+
+    def close(self) -> None:
+        """End; what has no answer gets none."""
+        if self._ending is None:
+            for task in self._under_way:
+                task.cancel()
+            self._ending = asyncio.get_running_loop().create_task(self._session.close())
+
+    async def _ask(self, request: http_frames.Request) -> None:
+        url = self._base.with_path(http_frames.quoted(request.path), encoded=True)
+        try:
+            async with self._session.request(request.method, url, data=request.body, allow_redirects=False) as response:
+                body = await _bounded(response.content, response.content_length)
+                self._hear(response.status, response.headers.get("Content-Location"), request.path, body)
+        except (aiohttp.ClientError, OSError, TimeoutError, ValueError) as error:
+            self.counts.lost += 1
+            if worth_noting(self.counts.lost):
+                reason = str(error) or type(error).__name__
+                self._on_note("lost", f"{text(self.address)}: {reason}, {self.counts.lost} so far")
+
+    def _hear(self, status: int, where: str | None, path: str, body: bytes | None) -> None:
+        try:
+            if body is None:
+                raise DecodeError(f"more than {MAX_BYTES} bytes")
+            path = path if where is None else http_frames.unquoted(where)
+            frame = http_frames.response_frame(status, path, body)
+        except (DecodeError, ValueError):
+            self.counts.garbage += 1
+            if body:
+                self._on_piece(Piece(body, garbage=True))
+            return
+        self.counts.frames += 1
+        self._on_piece(Piece(frame, garbage=False))
+
+
+async def _bounded(content: aiohttp.StreamReader, announced: int | None) -> bytes | None:
+    """A whole body, or `None` if it is too long; no more than that is taken in."""
+    if announced is not None and announced > MAX_BYTES:
+        return None
+    body = bytearray()
+    async for chunk in content.iter_any():
+        body += chunk
+        if len(body) > MAX_BYTES:
+            return None
+    return bytes(body)
+
+
+def _is_token(header: str, token: str) -> bool:
+    return hmac.compare_digest(header.encode(errors="replace"), f"Bearer {token}".encode())
+
+
+def _error(status: int, message: str, headers: dict[str, str] | None = None) -> web.Response:
+    body = http_frames.error_body(message)
+    return web.Response(status=status, body=body, content_type=JSON_TYPE, headers=headers)

@@ -1,0 +1,330 @@
+"""How does a link cross ZeroMQ? One end each, a message is one payload, and only peers with the right key come in.
+
+The end that binds is a ROUTER, the end that connects a DEALER that announces itself with an empty message
+(`ZMQ_PROBE_ROUTER`). Two DEALERs would deal the messages out among all who connect; a ROUTER addresses
+one, here whoever connected or spoke last, so a peer that starts anew is the peer at once. Foreign programs
+connect with a DEALER. Nothing is kept for a peer that is not there: `send` says no.
+
+What libzmq holds is bounded by `queue` messages of `max_bytes` each way and peer. One thing is not: parts of a
+message that never ends, which only a peer that was let in can send; beyond loopback that takes a key.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import zmq
+
+from skyrange.codec.deframe import Piece
+from skyrange.core.errors import InputError
+from skyrange.io.curve_keys import Keys
+from skyrange.io.ends import OnNote, ignore_note, must_be_guarded, naming, text, worth_noting
+from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
+from skyrange.io.zmq_room import AT_ONCE, Room, watch
+
+MAX_BYTES = 65_536
+QUEUE = 1_024
+HANDSHAKE_MS = 5_000
+HEARTBEAT_MS = 2_000
+SILENT_MS = 10_000
+"""A peer that answers no heartbeat for so long is gone; a process that was paused for five seconds is not."""
+RECONNECT_MS = 100
+SLOWEST_RECONNECT_MS = 1_000
+LINGER_MS = 1_000
+"""What was sent has this long to go out after `close`."""
+
+_NO_ZMQ = "no ZeroMQ handshake"
+_FAILED = {
+    int(zmq.Event.HANDSHAKE_FAILED_NO_DETAIL): _NO_ZMQ,
+    int(zmq.Event.HANDSHAKE_FAILED_PROTOCOL): "a broken handshake, or one under another key",
+    int(zmq.Event.HANDSHAKE_FAILED_AUTH): "its key is not allowed",
+}
+_WATCHED = (
+    zmq.Event.ACCEPTED
+    | zmq.Event.CONNECTED
+    | zmq.Event.HANDSHAKE_SUCCEEDED
+    | zmq.Event.HANDSHAKE_FAILED_NO_DETAIL
+    | zmq.Event.HANDSHAKE_FAILED_PROTOCOL
+    | zmq.Event.HANDSHAKE_FAILED_AUTH
+    | zmq.Event.DISCONNECTED
+)
+
+
+@dataclass(slots=True)
+class Counts:
+    """What an end took and gave so far."""
+
+    frames: int = 0
+    """Messages that came as one payload."""
+    garbage: int = 0
+    """Messages of several parts, or empty."""
+    garbage_bytes: int = 0
+    sent: int = 0
+    overflowed: int = 0
+    """Not sent since the peer reads too slowly."""
+    unsent: int = 0
+    """Not sent since no peer was there."""
+    unfit: int = 0
+    """Not sent since empty or too long."""
+    connections: int = 0
+    """Peers that were let in."""
+    refused: int = 0
+    """Connections that were not let in: no ZeroMQ, no key, or a wrong one."""
+
+
+class ZmqEnd:
+    """One end of one link over ZeroMQ, made by `bind` or `connect` in a running loop."""
+
+    def __init__(
+        self,
+        on_piece: OnPiece,
+        address: Address,
+        binds: bool,
+        keys: Keys | None,
+        on_note: OnNote,
+        max_bytes: int,
+        queue: int,
+    ) -> None:
+        """Called by `bind` and `connect`."""
+        must_be_guarded("ZeroMQ", address, keys is not None, "Give both sides keys (`skyrange keys`).")
+        if keys is not None and not binds and len(keys.peers) != 1:
+            raise InputError.one("ZeroMQ", text(address), f"{len(keys.peers)} peers' keys", "that of who binds there")
+        self.counts = Counts()
+        self._on_piece = on_piece
+        self._on_note = on_note
+        self._max_bytes = max_bytes
+        self._binds = binds
+        self._peer: bytes | None = None
+        """Whom a ROUTER addresses."""
+        self._lines = 0
+        """Connections, and how many of them were let in."""
+        self._shaken = 0
+        self._why = _NO_ZMQ
+        self._closed = False
+        self._room = Room.enter()
+        self._domain = b""
+        self._socket = self._room.context.socket(zmq.ROUTER if binds else zmq.DEALER)
+        self._monitor = self._socket.get_monitor_socket(_WATCHED)
+        try:
+            self._set(keys, address, queue)
+            endpoint = f"tcp://{text(address)}"
+            if binds:
+                self._socket.bind(endpoint)
+            else:
+                self._socket.connect(endpoint)
+        except zmq.ZMQError as error:
+            self._monitor.close(linger=0)
+            self._socket.close(linger=0)
+            self._room.leave(self._domain)
+            number = error.errno or 0
+            raise naming(address, OSError(number, zmq.strerror(number))) from error
+        self._address = self._bound() if binds else address
+        loop = self._room.loop
+        self._stops = (watch(loop, self._monitor, self._look), watch(loop, self._socket, self._read))
+        self._loop = loop
+
+    @classmethod
+    async def bind(
+        cls,
+        on_piece: OnPiece,
+        local: Address = (LOOPBACK, 0),
+        *,
+        keys: Keys | None = None,
+        on_note: OnNote = ignore_note,
+        max_bytes: int = MAX_BYTES,
+        queue: int = QUEUE,
+    ) -> ZmqEnd:
+        """Wait for the peer at `local`, an IP address (port 0: any free one), and let in who has one of `keys.peers`.
+
+        `OSError` names an address that cannot be had; `InputError` one beyond loopback without keys.
+        `max_bytes` and `queue` have to fit the longest payload and burst: their product bounds the memory.
+        """
+        return cls(on_piece, local, True, keys, on_note, max_bytes, queue)
+
+    @classmethod
+    async def connect(
+        cls,
+        on_piece: OnPiece,
+        remote: Address,
+        *,
+        keys: Keys | None = None,
+        on_note: OnNote = ignore_note,
+        max_bytes: int = MAX_BYTES,
+        queue: int = QUEUE,
+    ) -> ZmqEnd:
+        """Connect to `remote`, now or when somebody is there, and again whenever the connection was lost.
+
+        Otherwise as `bind`; `keys.peers` holds the key of who binds there, and of nobody else.
+        """
+        return cls(on_piece, remote, False, keys, on_note, max_bytes, queue)
+
+    @property
+    def address(self) -> Address:
+        """Where it is bound, or what it connects to."""
+        return self._address
+
+    @property
+    def connected(self) -> bool:
+        """Whether `send` has somebody to send to, as far as is known."""
+        return not self._closed and (self._peer is not None if self._binds else self._shaken > 0)
+
+    def send(self, payload: bytes) -> bool:
+        """Send one payload as one message; `False`, and counted, without a peer or where its queue is full."""
+        if self._closed:
+            return False
+        counts = self.counts
+        if not 0 < len(payload) <= self._max_bytes:
+            counts.unfit += 1
+            return False
+        if not self.connected:
+            counts.unsent += 1
+            return False
+        try:
+            if self._binds:
+                assert self._peer is not None
+                self._socket.send_multipart([self._peer, payload], zmq.NOBLOCK)
+            else:
+                self._socket.send(payload, zmq.NOBLOCK)
+        except zmq.Again:
+            counts.overflowed += 1
+            sent = False
+        except zmq.ZMQError as error:
+            if error.errno != zmq.EHOSTUNREACH:
+                raise
+            self._peer = None
+            counts.unsent += 1
+            sent = False
+        else:
+            counts.sent += 1
+            sent = True
+        # a send may swallow the descriptor's signal that something has come
+        if int(self._socket.get(zmq.EVENTS)) & zmq.POLLIN:
+            self._loop.call_soon(self._read_again)
+        return sent
+
+    def close(self) -> None:
+        """Close after what was sent has gone out, within a second; the port is free a moment later."""
+        if self._closed:
+            return
+        self._closed = True
+        for stop in self._stops:
+            stop()
+        self._socket.disable_monitor()
+        self._monitor.close(linger=0)
+        self._socket.close(linger=LINGER_MS)
+        self._room.leave(self._domain)
+
+    # --- what comes in ---------------------------------------------------------------------------
+
+    def _read_again(self) -> None:
+        if not self._closed and self._read():
+            self._loop.call_soon(self._read_again)
+
+    def _read(self) -> bool:
+        """Hand out what has come; true if there may be more. Events first: who spoke has connected before."""
+        self._look()
+        for _ in range(AT_ONCE):
+            if self._closed:  # by whom a piece was handed to
+                return False
+            try:
+                parts = self._socket.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                return False
+            announced = False
+            if self._binds:
+                sender, *parts = parts
+                announced = sender != self._peer and parts == [b""]
+                self._peer = sender
+            if not announced:
+                self._hand_out(parts)
+        return True
+
+    def _hand_out(self, parts: list[bytes]) -> None:
+        data = b"".join(parts)
+        if len(parts) == 1 and data:
+            self.counts.frames += 1
+            self._on_piece(Piece(data, garbage=False))
+            return
+        self.counts.garbage += 1
+        self.counts.garbage_bytes += len(data)
+        if data:
+            self._on_piece(Piece(data[: self._max_bytes], garbage=True))
+
+    def _look(self) -> bool:
+        """Take the monitor's events; their order is that of what happened."""
+        while not self._closed:
+            try:
+                event, _ = self._monitor.recv_multipart(zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            kind, value = struct.unpack("=hi", event)
+            self._on_event(kind, value)
+        return False
+
+    def _on_event(self, kind: int, value: int) -> None:
+        if kind in (zmq.Event.ACCEPTED, zmq.Event.CONNECTED):
+            self._lines += 1
+        elif kind == zmq.Event.HANDSHAKE_SUCCEEDED:
+            self._shaken += 1
+            self.counts.connections += 1
+            self._on_note("connected", f"{text(self._address)}: connection {self.counts.connections}")
+        elif kind == zmq.Event.DISCONNECTED:
+            self._on_end_of_line()
+        else:
+            self._why = _FAILED[kind]
+
+    def _on_end_of_line(self) -> None:
+        """A connection has ended.
+
+        libzmq does not say which: while there are more than were let in, it counts as one that was not.
+        So the counts are right once all have ended, in whatever order.
+        """
+        self._lines -= 1
+        if self._lines < self._shaken:
+            self._shaken -= 1
+            if not self._shaken:
+                self._peer = None
+                self._on_note("disconnected", f"{text(self._address)}: the peer has gone")
+            return
+        counts = self.counts
+        counts.refused += 1
+        if worth_noting(counts.refused):
+            self._on_note("refused", f"{text(self._address)}: {self._why}, {counts.refused} so far")
+        self._why = _NO_ZMQ
+
+    # --- making it -------------------------------------------------------------------------------
+
+    def _set(self, keys: Keys | None, address: Address, queue: int) -> None:
+        socket = self._socket
+        socket.linger = LINGER_MS
+        socket.ipv6 = ":" in address[0]
+        socket.set(zmq.SNDHWM, queue)
+        socket.set(zmq.RCVHWM, queue)
+        socket.set(zmq.MAXMSGSIZE, self._max_bytes)
+        socket.set(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
+        socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
+        socket.set(zmq.HEARTBEAT_TIMEOUT, SILENT_MS)
+        if keys is not None:
+            socket.curve_publickey = keys.public
+            socket.curve_secretkey = keys.secret
+        if self._binds:
+            socket.set(zmq.ROUTER_MANDATORY, 1)
+            socket.set(zmq.ROUTER_HANDOVER, 1)
+            self._domain = self._room.domain(None if keys is None else keys.peers)
+            socket.zap_domain = self._domain
+            socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
+            socket.curve_server = keys is not None
+            return
+        socket.set(zmq.PROBE_ROUTER, 1)
+        socket.set(zmq.IMMEDIATE, 1)
+        socket.set(zmq.RECONNECT_IVL, RECONNECT_MS)
+        socket.set(zmq.RECONNECT_IVL_MAX, SLOWEST_RECONNECT_MS)
+        if keys is not None:
+            (socket.curve_serverkey,) = keys.peers
+
+    def _bound(self) -> Address:
+        endpoint = self._socket.get(zmq.LAST_ENDPOINT)
+        assert isinstance(endpoint, bytes)
+        host, port = endpoint.rstrip(b"\0").decode().removeprefix("tcp://").rsplit(":", 1)
+        return host.strip("[]"), int(port)
