@@ -10,7 +10,9 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from skyrange.codec.deframe import Piece
+from skyrange.io.http_ends import HttpClientEnd, HttpServerEnd
 from skyrange.io.mavlink_sockets import TcpEnd, UdpEnd, serve_tcp
+from skyrange.io.zmq_sockets import ZmqEnd
 from skyrange.runtime.live.addresses import Crossing
 
 OnPayload = Callable[[bytes], None]
@@ -40,7 +42,9 @@ async def listening(crossing: Crossing, heard: OnPayload) -> End:
         return await UdpEnd.open(piece, crossing.address)
     if crossing.transport == "tcp":
         return await _TcpServer.open(piece, crossing.address)
-    return _Tmp(crossing, heard, True)
+    if crossing.transport == "zmq":
+        return await ZmqEnd.bind(piece, crossing.address)
+    return await HttpServerEnd.open(piece, crossing.address)
 
 
 async def calling(crossing: Crossing, heard: OnPayload) -> End:
@@ -53,7 +57,9 @@ async def calling(crossing: Crossing, heard: OnPayload) -> End:
         return await UdpEnd.open(piece, remote=crossing.address)
     if crossing.transport == "tcp":
         return _TcpCaller(piece, crossing.address)
-    return _Tmp(crossing, heard, False)
+    if crossing.transport == "zmq":
+        return await ZmqEnd.connect(piece, crossing.address)
+    return await HttpClientEnd.open(piece, crossing.address)
 
 
 class _TcpServer:
@@ -115,30 +121,3 @@ class _TcpCaller:
         self._task.cancel()
         if self._peer is not None:
             self._peer.close()
-
-
-class _Tmp:
-    def __init__(self, crossing, heard, bind):
-        import zmq
-        import zmq.asyncio
-
-        self.s = zmq.asyncio.Context.instance().socket(zmq.PAIR)
-        a = f"tcp://{crossing.address[0]}:{crossing.address[1]}"
-        self.s.bind(a) if bind else self.s.connect(a)
-        self.t = asyncio.get_running_loop().create_task(self._go(heard))
-
-    async def _go(self, heard):
-        while True:
-            heard(await self.s.recv())
-
-    def send(self, p):
-
-        asyncio.get_running_loop().create_task(self._put(p))
-        return True
-
-    async def _put(self, p):
-        await self.s.send(p)
-
-    def close(self):
-        self.t.cancel()
-        self.s.close(0)

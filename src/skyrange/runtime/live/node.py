@@ -84,7 +84,7 @@ class Counts:
     dropped: int = 0
     """Payloads that came faster than they could be taken in."""
     late_ns: Time = 0
-    """The most that the node was behind the clock."""
+    """The most that something was done after it was due."""
 
 
 class Node:
@@ -178,7 +178,7 @@ class Node:
     def _turn(self, now: Time) -> None:
         """Take in what was heard, go on to `now`, and say what is due."""
         kernel = self._kernel
-        self.counts.late_ns = max(self.counts.late_ns, now - kernel.now)
+        self.counts.late_ns = max(self.counts.late_ns, now - kernel.due)
         until = min(now, kernel.now + SLICE_NS)
         heard, self._waiting = self._waiting, []
         if heard:
@@ -213,12 +213,10 @@ class Node:
     @property
     def status(self) -> Mapping[str, float]:
         """For the supervisor's table."""
-        behind = max(self._clock.now() - self._kernel.now, 0) if self._kernel.now >= 0 else 0
-        ahead = self._kernel.due - self._kernel.now  # with nothing to do it need not be awake
         return {
             **asdict(self.counts),
             "now_ns": self._kernel.now,
-            "lag_ns": behind if behind > ahead else 0,
+            "lag_ns": max(min(self._clock.now(), self._duration_ns) - self._kernel.due, 0),
             "cpu_s": time.process_time(),
         }
 
@@ -283,7 +281,7 @@ async def _serve(orders: Orders, phone: Phone, rig: Rig) -> int:
         for task in tasks:
             task.cancel()
         node.close()
-        recorder.close(status, {"error": error} if error else None)
+        recorder.close(status, {"node": {**told, "until_ns": node.status["now_ns"]}, "error": error})
     await phone.tell("done", status=status, **node.status)
     return 0
 

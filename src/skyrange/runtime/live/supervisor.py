@@ -7,6 +7,7 @@ booted. A node that ends early is named with its last words, and the range ends 
 from __future__ import annotations
 
 import asyncio
+import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -280,4 +281,4 @@ def _merge(flown: Range, status: str, failure: ComponentError | None) -> None:
         path = flown.folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-    # shutil.rmtree(flown.parts)
+    shutil.rmtree(flown.parts)
