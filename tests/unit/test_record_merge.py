@@ -352,6 +352,17 @@ def test_files_of_the_parts_and_the_folder_of_the_run(tmp_path: Path) -> None:
     assert load(air.path).rows("frames") == 1
 
 
+def test_a_damaged_table_is_named_and_the_others_are_merged(tmp_path: Path) -> None:
+    air = part(tmp_path / "air", AIR, [came(0, 1.0, b"x")])
+    air.on_truth(4 * MS, StillWorld(["blue/b1"]))
+    air.close()
+    (tmp_path / "air" / "frames.parquet").write_bytes(b"PAR1")
+    merge([air.path], tmp_path / "merged", HEADER)
+    run = load(tmp_path / "merged")
+    assert (run.rows("frames"), run.rows("truth")) == (0, 1)
+    assert "frames.parquet" in run.manifest["nodes"][0]["problems"][0]
+
+
 @pytest.mark.parametrize("node", [None, {"name": "x"}, {"name": "x", "endpoints": [1], "offset_ns": 0}])
 def test_a_part_that_does_not_say_whose_it_is_is_named(tmp_path: Path, node: object) -> None:
     air = part(tmp_path / "air", AIR, [came(0, 1.0, b"x")])
