@@ -19,7 +19,7 @@ from skyrange.agent.messages import Note
 from skyrange.agent.verdicts import Label
 from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.matching import TOLERANCE_NS, WINDOW_NS, LaneMatching, Sent
 from skyrange.record.merge import merge
@@ -108,7 +108,7 @@ def test_copies_that_overtook_each_other_are_counted_and_at_most_swapped(tmp_pat
 # ---------------------------------------------------------------- parts written by hand
 
 GCS = {"name": "gcs:blue/b1", "a": "blue.gcs", "b": "blue/b1.companion", "channel": {"mode": "datagram"}}
-LOG = {"name": "log:blue/b1", "a": "blue/b1.companion", "b": "blue.gcs", "channel": {"mode": "reliable"}}
+LOG = {"name": "log:blue/b1", "a": "blue/b1.companion", "b": "blue.gcs", "channel": {"mode": "reliable", "loss": 0.1}}
 HEADER = {"name": "hand", "vehicles": [{"id": "blue/b1", "operator": "blue"}], "links": [GCS, LOG]}
 GROUND, AIR = "blue.gcs", "blue/b1.companion"
 
@@ -250,6 +250,67 @@ def test_a_node_that_began_anew_counts_on(tmp_path: Path) -> None:
     assert run.table("events").column("causes").to_pylist() == [[f"gcs:blue/b1|fwd|{GROUND}|2"]]
 
 
+def test_a_node_that_was_away_lost_nothing_it_could_have_had(tmp_path: Path) -> None:
+    first = part(tmp_path / "first", GROUND, [up(0, 1.0, b"a")], until_s=3)
+    second = part(tmp_path / "second", GROUND, [up(0, 10.0, b"b")])
+    down = [
+        make_frame("gcs:blue/b1", "rev", AIR, n, at * NS_PER_S, b"%d" % n, fate=Fate.IN_FLIGHT)
+        for n, at in enumerate((2, 5, 12))
+    ]
+    run = hand(tmp_path, first, second, part(tmp_path / "air", AIR, down))
+    fates = {row[:2]: row[2] for row in brief(run)}
+    assert [fates[AIR, n] for n in range(3)] == ["lost", "in_flight", "lost"]
+
+
+def test_a_complete_part_lasted_until_the_end_though_nothing_came(tmp_path: Path) -> None:
+    ground = part(tmp_path / "ground", GROUND, [up(0, 1.0, b"a"), up(1, 50.0, b"b")], until_ns=None)
+    air = part(tmp_path / "air", AIR, until_ns=None)
+    assert brief(hand(tmp_path, ground, air)) == [(GROUND, 0, "lost", None), (GROUND, 1, "in_flight", None)]
+
+
+def test_clocks_may_differ_by_milliseconds(tmp_path: Path) -> None:
+    ground = part(tmp_path / "ground", GROUND, [up(0, 1.003, b"a"), up(1, 2.006, b"b")])
+    air = part(tmp_path / "air", AIR, [came(0, 1.0, b"a"), came(1, 2.0, b"b")])
+    assert brief(hand(tmp_path, ground, air)) == [
+        (GROUND, 0, "delivered", 1.0), ("outside", 0, "delivered", 2.0), (GROUND, 1, "lost", None),
+    ]  # fmt: skip
+
+
+def test_frames_that_taps_held(tmp_path: Path) -> None:
+    """One where it left, for half a minute; one of two with the same bytes where it came, so it was recorded later."""
+    sent = [up(1, 1.0, b"x"), up(2, 1.0, b"x"), up(3, 30.0, b"y"), up(0, 0.0, b"held")]
+    late = came(0, 1.1, b"x")
+    late.arrived_ns = 2 * NS_PER_S
+    air = part(tmp_path / "air", AIR, [came(1, 1.1, b"x"), late, came(2, 30.1, b"y"), came(3, 30.2, b"held")])
+    assert brief(hand(tmp_path, part(tmp_path / "ground", GROUND, sent), air)) == [
+        (GROUND, 0, "delivered", 30.2), (GROUND, 1, "delivered", 2.0), (GROUND, 2, "delivered", 1.1),
+        (GROUND, 3, "delivered", 30.1),
+    ]  # fmt: skip
+
+
+def test_times_move_with_the_clock_but_never_stays_never(tmp_path: Path) -> None:
+    air = part(tmp_path / "air", AIR, offset_ns=NS_PER_S)
+    id_ = FrameId("l", "fwd", "s", 0)
+    air.on_label(Label(MS, "a", "a.tap", "delay", id_, None, NEVER))
+    air.on_label(Label(2 * MS, "a", "a.tap", "delay", id_, None, 3 * MS))
+    air.on_truth(4 * MS, StillWorld(["blue/b1"]))
+    run = hand(tmp_path, air)
+    times = run.table("labels", ["at_ns", "until_ns"]).to_pylist()
+    assert [tuple(row.values()) for row in times] == [(NS_PER_S + MS, NEVER), (NS_PER_S + 2 * MS, NS_PER_S + 3 * MS)]
+    assert run.manifest["simulated_s"] == 1.004
+    assert run.table("truth", ["time_ns"]).column(0).to_pylist() == [NS_PER_S + 4 * MS]
+
+
+def test_a_header_that_cannot_be_written_leaves_the_parts(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    air = part(run / ".parts" / "air", AIR, [came(0, 1.0, b"x")])
+    air.close()
+    with pytest.raises(InputError, match="JSON"):
+        merge([air.path], run, HEADER | {"odd": object()})
+    assert [path.name for path in run.iterdir()] == [".parts"]
+    assert load(air.path).rows("frames") == 1
+
+
 def test_receptions_name_who_truly_sent(tmp_path: Path) -> None:
     ground = part(tmp_path / "ground", GROUND, [up(0, 0.0, b"lost"), up(1, 1.0, b"heard")])
     air = part(tmp_path / "air", AIR, [came(0, 1.1, b"heard")])
@@ -265,14 +326,14 @@ def test_receptions_name_who_truly_sent(tmp_path: Path) -> None:
 
 def test_reliable_lanes_pass_over_what_was_lost_with_a_connection(tmp_path: Path) -> None:
     sent = [up(0, 0.0, b"same", "log:blue/b1", AIR), up(1, 1.0, b"b", "log:blue/b1", AIR)]
-    sent += [up(2, 2.0, b"same", "log:blue/b1", AIR)]
+    sent += [up(2, 2.0, b"same", "log:blue/b1", AIR), up(3, 3.0, b"still retransmitted", "log:blue/b1", AIR)]
     air = part(tmp_path / "air", AIR, sent)
     seen = [(1.1, b"b"), (2.1, b"same")]
     ground = part(tmp_path / "ground", GROUND)
     for n, (at, payload) in enumerate(seen):
         ground.on_frame(make_frame("log:blue/b1", "fwd", AIR, n, int(at * 1e9), payload, arrived_ns=int(at * 1e9)))
     assert brief(hand(tmp_path, ground, air)) == [
-        (AIR, 0, "lost", None), (AIR, 1, "delivered", 1.1), (AIR, 2, "delivered", 2.1),
+        (AIR, 0, "lost", None), (AIR, 1, "delivered", 1.1), (AIR, 2, "delivered", 2.1), (AIR, 3, "in_flight", None),
     ]  # fmt: skip
 
 
@@ -289,6 +350,17 @@ def test_files_of_the_parts_and_the_folder_of_the_run(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds"):
         merge([air.path], run, HEADER)
     assert load(air.path).rows("frames") == 1
+
+
+def test_a_damaged_table_is_named_and_the_others_are_merged(tmp_path: Path) -> None:
+    air = part(tmp_path / "air", AIR, [came(0, 1.0, b"x")])
+    air.on_truth(4 * MS, StillWorld(["blue/b1"]))
+    air.close()
+    (tmp_path / "air" / "frames.parquet").write_bytes(b"PAR1")
+    merge([air.path], tmp_path / "merged", HEADER)
+    run = load(tmp_path / "merged")
+    assert (run.rows("frames"), run.rows("truth")) == (0, 1)
+    assert "frames.parquet" in run.manifest["nodes"][0]["problems"][0]
 
 
 @pytest.mark.parametrize("node", [None, {"name": "x"}, {"name": "x", "endpoints": [1], "offset_ns": 0}])
