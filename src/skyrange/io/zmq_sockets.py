@@ -1,9 +1,9 @@
 """How does a link cross ZeroMQ? One end each, a message is one payload, and only peers with the right key come in.
 
-The end that binds is a ROUTER, the end that connects a DEALER that announces itself with an empty message
-(`ZMQ_PROBE_ROUTER`). Two DEALERs would deal the messages out among all who connect; a ROUTER addresses
-one, here whoever connected or spoke last, so a peer that starts anew is the peer at once. Foreign programs
-connect with a DEALER. Nothing is kept for a peer that is not there: `send` says no.
+The end that binds is a ROUTER, the end that connects a DEALER whose first message is empty: here I am. Two
+DEALERs would deal the messages out among all who connect; a ROUTER addresses one, here whoever connected or
+spoke last, so a peer that starts anew is the peer at once. Foreign programs connect with a DEALER. Without a
+peer nothing is kept for later: `send` says no. What a lost connection leaves in the queue goes out on the next.
 
 What libzmq holds is bounded by `queue` messages of `max_bytes` each way and peer. One thing is not: parts of a
 message that never ends, which only a peer that was let in can send; beyond loopback that takes a key.
@@ -11,6 +11,7 @@ message that never ends, which only a peer that was let in can send; beyond loop
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from dataclasses import dataclass
 
@@ -97,6 +98,7 @@ class ZmqEnd:
         self._binds = binds
         self._peer: bytes | None = None
         """Whom a ROUTER addresses."""
+        self._greeted = False
         self._lines = 0
         """Connections, and how many of them were let in."""
         self._shaken = 0
@@ -231,13 +233,14 @@ class ZmqEnd:
                 parts = self._socket.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:
                 return False
-            announced = False
             if self._binds:
                 sender, *parts = parts
-                announced = sender != self._peer and parts == [b""]
-                self._peer = sender
-            if not announced:
-                self._hand_out(parts)
+                if sender != self._peer:
+                    self._peer, self._greeted = sender, False
+                if parts == [b""] and not self._greeted:
+                    self._greeted = True
+                    continue
+            self._hand_out(parts)
         return True
 
     def _hand_out(self, parts: list[bytes]) -> None:
@@ -268,6 +271,11 @@ class ZmqEnd:
         elif kind == zmq.Event.HANDSHAKE_SUCCEEDED:
             self._shaken += 1
             self.counts.connections += 1
+            if not self._binds:
+                # not left to ZMQ_PROBE_ROUTER: it needs ZMQ_IMMEDIATE to do so at each connection, which in turn
+                # throws away what came before a disconnection and is not read yet
+                with contextlib.suppress(zmq.Again):  # a full queue speaks for itself
+                    self._socket.send(b"", zmq.NOBLOCK)
             self._on_note("connected", f"{text(self._address)}: connection {self.counts.connections}")
         elif kind == zmq.Event.DISCONNECTED:
             self._on_end_of_line()
@@ -316,8 +324,6 @@ class ZmqEnd:
             socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
             socket.curve_server = keys is not None
             return
-        socket.set(zmq.PROBE_ROUTER, 1)
-        socket.set(zmq.IMMEDIATE, 1)
         socket.set(zmq.RECONNECT_IVL, RECONNECT_MS)
         socket.set(zmq.RECONNECT_IVL_MAX, SLOWEST_RECONNECT_MS)
         if keys is not None:
