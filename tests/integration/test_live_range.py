@@ -153,6 +153,10 @@ def test_it_flies_as_in_virtual_time_while_a_program_of_ours_is_a_ground_station
     blues = [row for row in frames if row["link"].endswith(":blue/b1") and row["fate"] == "delivered"]
     assert not any(row["sender"] == "outside" for row in blues)
     assert all(row["arrived_ns"] > row["sent_ns"] for row in blues)
+    # a ground station that waits for its aircraft has nobody to speak to before it has heard from it
+    heard_ns = min(row["arrived_ns"] for row in blues if row["link"].startswith("gcs:") and row["direction"] == "rev")
+    lost = [row for row in frames if row["link"].endswith(":blue/b1") and row["fate"] == "lost"]
+    assert all(row["sender"] == "blue.gcs" and row["sent_ns"] < heard_ns for row in lost)
 
 
 def test_a_killed_companion_is_a_lost_link_and_what_it_recorded_stays(tmp_path: Path) -> None:

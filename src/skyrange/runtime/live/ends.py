@@ -16,6 +16,9 @@ from skyrange.io.zmq_sockets import ZmqEnd
 from skyrange.runtime.live.addresses import Crossing
 
 OnPayload = Callable[[bytes], None]
+MAX_BYTES: Final = 1 << 20
+"""Of a message over ZeroMQ: what ground receivers heard in a step, as JSON, is the longest."""
+QUEUE: Final = 256
 AGAIN_S: Final = 0.2
 """Between two attempts to reach a peer that is not there."""
 
@@ -43,7 +46,7 @@ async def listening(crossing: Crossing, heard: OnPayload) -> End:
     if crossing.transport == "tcp":
         return await _TcpServer.open(piece, crossing.address)
     if crossing.transport == "zmq":
-        return await ZmqEnd.bind(piece, crossing.address)
+        return await ZmqEnd.bind(piece, crossing.address, max_bytes=MAX_BYTES, queue=QUEUE)
     return await HttpServerEnd.open(piece, crossing.address)
 
 
@@ -58,7 +61,7 @@ async def calling(crossing: Crossing, heard: OnPayload) -> End:
     if crossing.transport == "tcp":
         return _TcpCaller(piece, crossing.address)
     if crossing.transport == "zmq":
-        return await ZmqEnd.connect(piece, crossing.address)
+        return await ZmqEnd.connect(piece, crossing.address, max_bytes=MAX_BYTES, queue=QUEUE)
     return await HttpClientEnd.open(piece, crossing.address)
 
 

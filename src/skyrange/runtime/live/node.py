@@ -98,7 +98,7 @@ class Node:
         self._duration_ns = rig.duration_ns
         self._clock = RangeClock(0)
         self._ends: dict[str, End] = {}
-        self._waiting: list[tuple[str, bytes]] = []
+        self._waiting: list[tuple[Time, str, bytes]] = []
         self._awake = asyncio.Event()
         self._pending: list[tuple[Time, int, Transit]] = []
         self._pushed = 0
@@ -135,7 +135,7 @@ class Node:
         if len(self._waiting) >= MOST_WAITING:
             self.counts.dropped += 1
             return
-        self._waiting.append((lane, data))
+        self._waiting.append((self._clock.now(), lane, data))
         self._awake.set()
 
     def boot(self) -> None:
@@ -179,13 +179,9 @@ class Node:
         """Take in what was heard, go on to `now`, and say what is due."""
         kernel = self._kernel
         self.counts.late_ns = max(self.counts.late_ns, now - kernel.due)
-        until = min(now, kernel.now + SLICE_NS)
+        until = min(now, max(kernel.now, min(kernel.due, now)) + SLICE_NS)
         heard, self._waiting = self._waiting, []
-        if heard:
-            until = max(until, kernel.now + 1)
-            inbound = [self._transit(lane, data, until) for lane, data in heard]
-        else:
-            inbound = []
+        inbound = [self._transit(lane, data, max(at, kernel.now + 1)) for at, lane, data in heard]
         for transit in kernel.advance(until, inbound):
             self._pushed += 1
             heappush(self._pending, (transit.arrival, self._pushed, transit))
@@ -281,7 +277,9 @@ async def _serve(orders: Orders, phone: Phone, rig: Rig) -> int:
         for task in tasks:
             task.cancel()
         node.close()
-        recorder.close(status, {"node": {**told, "until_ns": node.status["now_ns"]}, "error": error})
+        recorder.close(
+            status, {"node": {**told, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
+        )
     await phone.tell("done", status=status, **node.status)
     return 0
 
