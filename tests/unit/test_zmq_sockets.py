@@ -152,12 +152,13 @@ def test_what_was_sent_before_close_arrives(who: str) -> None:
             assert closes.send(b"%d" % n)
         closes.close()
         # nobody reads while this call blocks: what came must not be thrown away with the connection
-        stays._monitor.poll(300)
+        stays._monitor.poll(150)
         await until(lambda: len(heard.frames) == 500)
         assert heard.frames == [b"%d" % n for n in range(500)]
         stays.close()
 
-    run(body)
+    for _ in range(4):  # it is a race, which is lost now and then where it can be
+        run(body)
 
 
 def test_either_side_may_start_anew() -> None:
