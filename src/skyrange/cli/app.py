@@ -38,6 +38,36 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
 
 
+def _complete_scenario(incomplete: str) -> list[str]:
+    from skyrange.scenario.catalogue import SHIPPED
+
+    return [name for name in SHIPPED if name.startswith(incomplete)]
+
+
+ScenarioName = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME|FILE",
+        help="A shipped scenario's name (see `skyrange scenarios`) or a TOML file.",
+        autocompletion=_complete_scenario,
+        show_default=False,
+    ),
+]
+RunOut = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="The run's folder, empty or new. Default: runs/NAME, then runs/NAME-2 …"),
+]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="Chance of the run, over the scenario's.")]
+Buildings = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
+]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."),
+]
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         from skyrange import __version__
@@ -53,12 +83,6 @@ def _root(
     ] = False,
 ) -> None:
     """Fly fleets over a city, attack them, measure it."""
-
-
-def _complete_scenario(incomplete: str) -> list[str]:
-    from skyrange.scenario.catalogue import SHIPPED
-
-    return [name for name in SHIPPED if name.startswith(incomplete)]
 
 
 class Rates(StrEnum):
@@ -84,20 +108,9 @@ class Load(StrEnum):
 
 @app.command(epilog="Example: skyrange run squares --seed 7 --set 'operators.*.vehicles.*.plan.square.alt_m=8'")
 def run(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME|FILE",
-            help="A shipped scenario's name (see `skyrange scenarios`) or a TOML file.",
-            autocompletion=_complete_scenario,
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="The run's folder, empty or new. Default: runs/NAME, then runs/NAME-2 …"),
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="Chance of the run, over the scenario's.")] = None,
+    scenario: ScenarioName,
+    out: RunOut = None,
+    seed: Seed = None,
     speed: Annotated[
         float | None,
         typer.Option(
@@ -106,16 +119,8 @@ def run(
             help="Simulated seconds per wall second; 0 is as fast as it goes. Default: 0, and 1 with --qgc.",
         ),
     ] = None,
-    buildings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
-    ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
-        ),
-    ] = None,
+    buildings: Buildings = None,
+    changes: Changes = None,
     qgc: Annotated[
         bool,
         typer.Option(
@@ -155,30 +160,11 @@ class Death(StrEnum):
 
 @app.command("live", epilog="Example: skyrange live squares --external blue.gcs")
 def live_(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME|FILE",
-            help="A shipped scenario's name (see `skyrange scenarios`) or a TOML file.",
-            autocompletion=_complete_scenario,
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="The run's folder, empty or new. Default: runs/NAME, then runs/NAME-2 …"),
-    ] = None,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="Chance of the run, over the scenario's.")] = None,
-    buildings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
-    ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
-        ),
-    ] = None,
+    scenario: ScenarioName,
+    out: RunOut = None,
+    seed: Seed = None,
+    buildings: Buildings = None,
+    changes: Changes = None,
     group: Annotated[
         Grouping | None,
         typer.Option(
@@ -228,16 +214,8 @@ def pair(
     ] = 1,
     jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Runs that fly at once, a process each.")] = 2,
     seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed, over the scenario's.")] = None,
-    buildings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
-    ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
-        ),
-    ] = None,
+    buildings: Buildings = None,
+    changes: Changes = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario with its attacks and with all of them muted, and compare: what did the attack do?"""
@@ -406,25 +384,12 @@ def radio(
 
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")
 def flight(
-    scenario: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME|FILE",
-            help="A shipped scenario's name or a TOML file.",
-            autocompletion=_complete_scenario,
-            show_default=False,
-        ),
-    ],
+    scenario: ScenarioName,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="A folder for both runs. Default: runs/NAME-parity, then -2 …"),
     ] = None,
-    changes: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."
-        ),
-    ] = None,
+    changes: Changes = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario with all aircraft under each of the two: modes, legs, heights, speeds, attitudes, deviations."""
