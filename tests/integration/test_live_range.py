@@ -163,7 +163,7 @@ def test_a_killed_companion_is_a_lost_link_and_what_it_recorded_stays(tmp_path: 
     process = started(tmp_path, 25.0, "--on-death", "continue", "--json")
     try:
         victim = until(lambda: nodes(tmp_path).get("blue-b1.companion"), 60.0, "a companion")
-        part = tmp_path / "run.parts" / "blue-b1.companion"
+        part = tmp_path / "run" / ".parts" / "blue-b1.companion"
         until(lambda: (part / ".spool" / "frames-0000.arrows").exists(), 120.0, "its record")
         time.sleep(4.0)
         os.kill(victim, signal.SIGKILL)
@@ -186,7 +186,7 @@ def test_a_killed_companion_is_a_lost_link_and_what_it_recorded_stays(tmp_path: 
 def test_nothing_of_it_outlives_it(tmp_path: Path, how: signal.Signals) -> None:
     process = started(tmp_path, 300.0)
     try:
-        part = tmp_path / "run.parts" / "world" / ".spool" / "truth-0000.arrows"
+        part = tmp_path / "run" / ".parts" / "world" / ".spool" / "truth-0000.arrows"
         until(part.exists, 120.0, "flight")
         process.send_signal(how)
         process.communicate(timeout=60.0)
@@ -198,6 +198,6 @@ def test_nothing_of_it_outlives_it(tmp_path: Path, how: signal.Signals) -> None:
         record = load(tmp_path / "run")
         assert record.manifest["status"] == "interrupted"
         assert record.rows("truth") > 0
-        assert not (tmp_path / "run.parts").exists()
+        assert not (tmp_path / "run" / ".parts").exists()
     else:
-        assert load(tmp_path / "run.parts" / "world").rows("truth") > 0
+        assert load(tmp_path / "run" / ".parts" / "world").rows("truth") > 0

@@ -23,7 +23,7 @@ def said(rows: list[dict[str, Any]], capsys: pytest.CaptureFixture[str], monkeyp
         "name": "some", "status": "complete", "vehicles": rows, "mishaps": [], "timings": {}, "simulated_s": 60.0,
         "frames": 9, "seed": 1, "fingerprint": None, "path": "runs/some", "report": None,
     }  # fmt: skip
-    commands._print_summary(facts)
+    commands.print_summary(facts)
     return capsys.readouterr().out
 
 

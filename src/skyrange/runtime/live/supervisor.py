@@ -10,7 +10,7 @@ import asyncio
 import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -18,7 +18,9 @@ from typing import Any, Final, Literal
 from skyrange.core.errors import ComponentError, Fault, InputError, ShortfallError
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.io.programs import Program
-from skyrange.record.merge import merge
+from skyrange.record import Recorder
+from skyrange.record.folder import PARTS
+from skyrange.record.merge import gather
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.live.addresses import Crossing, check_free, crossings
 from skyrange.runtime.live.control import Desk, Message
@@ -67,7 +69,7 @@ class Range:
     @property
     def parts(self) -> Path:
         """Where nodes record until the end."""
-        return self.folder.with_name(self.folder.name + ".parts")
+        return self.folder / PARTS
 
     @property
     def now_s(self) -> float:
@@ -96,9 +98,8 @@ def prepare(
     _check_attacks(rig)
     folder = out if out is not None else free_folder(scenario.name)
     made = Range(rig, planned, places, folder, on_death)
-    for path in (folder, made.parts):
-        if path.exists() and (not path.is_dir() or any(path.iterdir())):
-            raise InputError.one("live", "folder", str(path), "a folder that is new or empty")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError.one("live", "folder", str(folder), "a folder that is new or empty")
     return made
 
 
@@ -131,6 +132,7 @@ def _nothing(_: Range) -> None:
 
 
 async def _fly(flown: Range, on_look: OnLook, interrupt: Interruptible) -> Path:
+    recorder = _opened(flown)
     desk = Desk()
     desk.open()
     failure: ComponentError | None = None
@@ -157,7 +159,7 @@ async def _fly(flown: Range, on_look: OnLook, interrupt: Interruptible) -> Path:
             if member.program is not None:
                 member.program.kill()
         desk.close()
-    _merge(flown, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
+    _merge(flown, recorder, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
     if failure is not None:
         raise failure
     if interrupt.requested:
@@ -165,14 +167,19 @@ async def _fly(flown: Range, on_look: OnLook, interrupt: Interruptible) -> Path:
     return flown.folder
 
 
+def _opened(flown: Range) -> Recorder:
+    """The run's folder with the scenario in it, from which nodes read it; it says that it runs."""
+    record = flown.rig.scenario.record
+    recorder = Recorder.open(flown.folder, flown.rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+    for name, data in flown.rig.attachments.items():
+        recorder.attach(name, data)
+    return recorder
+
+
 def _start(flown: Range, desk: Desk) -> None:
     """Give everybody its orders, and start it."""
     parts = flown.parts
-    (parts / "given").mkdir(parents=True)
-    for name, data in flown.rig.attachments.items():
-        path = parts / "given" / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
+    parts.mkdir()
     for node in flown.plan.nodes:
         label = node.name.replace("/", "-")
         own = parts / f"{label}.program"
@@ -180,7 +187,7 @@ def _start(flown: Range, desk: Desk) -> None:
         orders = Orders(
             name=node.name,
             endpoints=tuple(sorted(node.endpoints)),
-            scenario=str((parts / "given" / "scenario.toml").absolute()),
+            scenario=str((flown.folder / "scenario.toml").absolute()),
             part=str((parts / label).absolute()),
             control=desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
@@ -255,9 +262,8 @@ async def _end(flown: Range, desk: Desk, on_look: OnLook) -> None:
         await asyncio.sleep(LOOK_S)
 
 
-def _merge(flown: Range, status: str, failure: ComponentError | None) -> None:
+def _merge(flown: Range, recorder: Recorder, status: str, failure: ComponentError | None) -> None:
     """One run's folder of all parts, and the parts away."""
-    record = flown.rig.scenario.record
     late = {name: int(member.status.get("late_ns", 0)) for name, member in flown.members.items()}
     extra: dict[str, Any] = {
         "live": {
@@ -272,13 +278,6 @@ def _merge(flown: Range, status: str, failure: ComponentError | None) -> None:
     if failure is not None:
         extra["error"] = str(failure)
     parts = [flown.parts / node.name.replace("/", "-") for node in flown.plan.nodes]
-    header: Mapping[str, Any] = flown.rig.header
-    merge(
-        [part for part in parts if part.exists()], flown.folder, header, status=status, extra=extra,
-        truth_hz=record.truth_hz, sensors_hz=record.sensors_hz,
-    )  # fmt: skip
-    for name, data in flown.rig.attachments.items():
-        path = flown.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data)
+    found = gather(parts, recorder, flown.rig.header)
+    recorder.close(status, {**found, **extra})
     shutil.rmtree(flown.parts)
