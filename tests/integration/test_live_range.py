@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +25,13 @@ pytestmark = pytest.mark.integration
 
 OFFSET = 7000 + os.getpid() % 2500 * 10
 """So that two test runs on one machine are out of each other's way."""
+MAVPROXY = shutil.which("mavproxy.py")
+MISSION = """QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t-35.363328\t149.1652241\t0\t1
+1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t4\t1
+2\t0\t3\t21\t0\t0\t0\t0\t0\t0\t0\t1
+"""
+"""Up to 4 m, and down again."""
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 SCENARIO = """
 name = "live"
@@ -134,6 +143,7 @@ def test_it_flies_as_in_virtual_time_while_a_program_of_ours_is_a_ground_station
     assert nodes(tmp_path) == {}
     live, twin = load(tmp_path / "run"), run(scenario(tmp_path, 50.0), tmp_path / "twin")
     assert live.manifest["status"] == "complete"
+    assert live.manifest["timings"]["real_time_factor"] == pytest.approx(1.0, abs=0.1)
 
     def events(record: Any, about: str) -> list[tuple[str, float]]:
         rows = record.table("events").to_pylist()
@@ -157,6 +167,60 @@ def test_it_flies_as_in_virtual_time_while_a_program_of_ours_is_a_ground_station
     heard_ns = min(row["arrived_ns"] for row in blues if row["link"].startswith("gcs:") and row["direction"] == "rev")
     lost = [row for row in frames if row["link"].endswith(":blue/b1") and row["fate"] == "lost"]
     assert all(row["sender"] == "blue.gcs" and row["sent_ns"] < heard_ns for row in lost)
+
+
+def fly_by_mavproxy(port: int, folder: Path) -> list[str]:
+    """As `fly_by_hand`, by commands at MAVProxy's console, and a mission uploaded before; what it said."""
+    assert MAVPROXY is not None
+    (folder / "up.txt").write_text(MISSION)
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1", "HOME": str(folder)}
+    environment.pop("PYTHONPATH", None)  # it has its own Python
+    console = subprocess.Popen(
+        [MAVPROXY, f"--master=udpin:127.0.0.1:{port}", f"--state-basedir={folder}"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder, env=environment,
+    )  # fmt: skip
+    ends = threading.Timer(120.0, console.kill)
+    ends.start()
+    said: list[str] = []
+    try:
+        for word, order in (
+            ("Detected vehicle", f"wp load {folder / 'up.txt'}"),
+            ("Loaded 3 waypoints", "mode GUIDED"),
+            ("Mode GUIDED", "arm throttle"),
+            ("ARMED", "mode AUTO"),
+            ("Mode AUTO", "long 300 0 0"),
+            ("DISARMED", ""),
+        ):
+            assert console.stdout is not None
+            assert console.stdin is not None
+            for line in console.stdout:
+                said.append(line)
+                if word in line:
+                    break
+            else:
+                raise AssertionError(f"MAVProxy ended without {word!r}: {''.join(said)}")
+            console.stdin.write(f"{order}\n")
+            console.stdin.flush()
+    finally:
+        ends.cancel()
+        console.kill()
+        console.communicate()
+    return said
+
+
+@pytest.mark.skipif(MAVPROXY is None, reason="mavproxy.py is not on PATH")
+def test_mavproxy_is_an_operators_ground_station(tmp_path: Path) -> None:
+    process = started(tmp_path, 55.0, "--external", "green.gcs", "--json")
+    try:
+        fly_by_mavproxy(14555 + 10 + OFFSET, tmp_path)
+        _, err = process.communicate(timeout=150.0)
+    finally:
+        process.kill()
+    assert process.returncode == 0, err
+    rows = load(tmp_path / "run").table("events").to_pylist()
+    kinds = [row["kind"] for row in rows if row["about"] == "green/g1"]
+    assert kinds.index("event.mission") < kinds.index("event.armed") < kinds.index("event.takeoff")
+    assert kinds.index("event.takeoff") < kinds.index("event.landed") < kinds.index("event.disarmed")
 
 
 def test_a_killed_companion_is_a_lost_link_and_what_it_recorded_stays(tmp_path: Path) -> None:

@@ -65,6 +65,8 @@ class Range:
     on_death: Literal["stop", "continue"] = "stop"
     members: dict[str, Member] = field(default_factory=dict)
     zero_ns: int = 0
+    took_s: float = 0.0
+    """Wall seconds from time 0 to the end."""
 
     @property
     def parts(self) -> Path:
@@ -152,6 +154,7 @@ async def _fly(flown: Range, on_look: OnLook, interrupt: Interruptible) -> Path:
             await _watch(flown, desk, on_look, interrupt)
         except ComponentError as error:
             failure = error
+        flown.took_s = max(flown.now_s, 0.0)
         await _end(flown, desk, on_look)
         listener.cancel()
     finally:
@@ -265,7 +268,13 @@ async def _end(flown: Range, desk: Desk, on_look: OnLook) -> None:
 def _merge(flown: Range, recorder: Recorder, status: str, failure: ComponentError | None) -> None:
     """One run's folder of all parts, and the parts away."""
     late = {name: int(member.status.get("late_ns", 0)) for name, member in flown.members.items()}
+    reached_s = max((to_seconds(int(m.status.get("now_ns", 0))) for m in flown.members.values()), default=0.0)
     extra: dict[str, Any] = {
+        "timings": {
+            "wall_s": round(flown.took_s, 3),
+            "real_time_factor": round(reached_s / flown.took_s, 3) if flown.took_s else None,
+            "max_lag_s": round(to_seconds(max(late.values(), default=0)), 3),
+        },
         "live": {
             "nodes": {node.name: sorted(node.endpoints) for node in flown.plan.nodes},
             "outside": sorted(flown.plan.outside),
@@ -273,7 +282,7 @@ def _merge(flown: Range, recorder: Recorder, status: str, failure: ComponentErro
             "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
             "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
             "ended": {member.name: member.ended for member in flown.members.values() if member.ended},
-        }
+        },
     }
     if failure is not None:
         extra["error"] = str(failure)
