@@ -250,8 +250,9 @@ def test_a_killed_companion_is_a_lost_link_and_what_it_recorded_stays(tmp_path: 
 def test_nothing_of_it_outlives_it(tmp_path: Path, how: signal.Signals) -> None:
     process = started(tmp_path, 300.0)
     try:
-        part = tmp_path / "run" / ".parts" / "world" / ".spool" / "truth-0000.arrows"
-        until(part.exists, 120.0, "flight")
+        part = tmp_path / "run" / ".parts" / "world"
+        spool = part / ".spool" / "truth-0000.arrows"  # it is there a moment before its first rows
+        until(lambda: spool.exists() and load(part).rows("truth") > 0, 120.0, "flight")
         process.send_signal(how)
         process.communicate(timeout=60.0)
         until(lambda: not nodes(tmp_path), 20.0, "no node left")
