@@ -11,7 +11,7 @@ from tests.ardupilot import needs_arducopter
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory) -> list[Compared]:
-    return compare(tmp_path_factory.mktemp("gnss"), settings(), RATES["reduced"])
+    return compare(tmp_path_factory.mktemp("gnss") / "run", settings(), RATES["reduced"])
 
 
 @needs_arducopter

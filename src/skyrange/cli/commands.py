@@ -29,6 +29,14 @@ def terminal() -> Console:
     return Console(highlight=False)
 
 
+def tell_if_cold(*, quiet: bool) -> None:
+    """Say why the first run takes longer than the others."""
+    from skyrange.core.compiled import compiled_before
+
+    if not quiet and not compiled_before():
+        print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
+
+
 def run(
     name: str,
     out: Path | None,
@@ -43,15 +51,13 @@ def run(
     """`skyrange run`."""
     from skyrange.cli.progress import progress
     from skyrange.cli.viewing import watchable
-    from skyrange.core.compiled import compiled_before
     from skyrange.scenario.catalogue import load
     from skyrange.study.session import fly
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     shortfall: ShortfallError | None = None
-    if not as_json and not compiled_before():
-        print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
+    tell_if_cold(quiet=as_json)
     watched = qgc or viewer_port is not None
     with watchable(scenario, watched, viewer_port) as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
@@ -82,14 +88,12 @@ def pair(
 ) -> None:
     """`skyrange pair`."""
     from skyrange.cli.progress import together
-    from skyrange.core.compiled import compiled_before
     from skyrange.scenario.catalogue import load
     from skyrange.study.pairing import ARMS
     from skyrange.study.pairing import pair as fly_pair
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
-    if not as_json and not compiled_before():
-        print("compiling the numeric kernels, once (a minute or two)", file=sys.stderr, flush=True)
+    tell_if_cold(quiet=as_json)
     flights = seeds * (len(ARMS) if sham else len(ARMS) - 1)
     with together(scenario.name, flights, quiet=as_json) as on_progress:
         made = fly_pair(scenario, out, sham=sham, seeds=seeds, jobs=jobs, on_progress=on_progress)

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.commands import print_json, print_summary
+from skyrange.cli.commands import print_json, print_summary, tell_if_cold
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def live(
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
+    tell_if_cold(quiet=as_json)
     options: Any = {"group": group, "on_death": on_death}
     flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, **options)
     failure: ShortfallError | ComponentError | None = None
@@ -48,8 +49,6 @@ def live(
             fly(flown, on_look)
         except (ShortfallError, ComponentError) as error:
             failure = error
-            if not (flown.folder / "manifest.json").exists():
-                raise
     record = load_run(flown.folder)
     write_report(record, flown.folder / "report.html")
     facts = {**summary(record), "live": record.manifest["live"]}

@@ -103,7 +103,7 @@ def gnss(out: Path | None, rates: str, as_json: bool) -> None:
     console.print(
         f"both reset in {found.resets}: {found.together} within {TIME_S:g} s, at most {found.reset_apart_max_s:.2f} s"
     )
-    console.print(f"run    {folder / 'run'}", soft_wrap=True, markup=False)
+    console.print(f"run    {folder}", soft_wrap=True, markup=False)
 
 
 def _seconds(at: float | None) -> str:

@@ -44,6 +44,8 @@ def merge(
 ) -> None:
     """Make the record of the whole run in `into`, a folder that does not exist or holds nothing but `.parts`.
 
+    For parts that a supervisor left behind when it was killed; one that lives gathers them itself.
+
     `parts` are folders that `Recorder` wrote, closed or not; each one's manifest has `node`: its `name`, the
     `endpoints` that lived there, the `offset_ns` to add to its times, and if it says so `until_ns`, on its own clock,
     the time until which it recorded (else a complete part lasted until the run's end, another until its last row).

@@ -67,17 +67,7 @@ class Run:
         rig = wire(scenario, taps=taps, attacks=attacks)
         held_to(speed, [mount.engine for mount in rig.wiring.engines])
         kernel = Kernel(replace(rig.wiring, fuse=fuse))
-        record = scenario.record
-        while True:
-            folder = out if out is not None else free_folder(scenario.name)
-            try:
-                recorder = Recorder.open(folder, rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
-                break
-            except InputError:
-                if out is not None or free_folder(scenario.name) == folder:
-                    raise  # else another run took the folder meanwhile
-        for name, data in rig.attachments.items():
-            recorder.attach(name, data)
+        recorder = open_record(rig, out)
         recorder.listen(rig.oracle)
         kernel.observe([recorder, *observers])
         return cls(kernel, recorder, rig)
@@ -185,6 +175,22 @@ class Run:
                 "peak_memory_mb": round(peak_memory_mb(), 1),
             },
         }
+
+
+def open_record(rig: Rig, out: Path | None) -> Recorder:
+    """Begin the record of a rig's run in `out`, or in a folder that is free, with the scenario as flown in it."""
+    scenario, record = rig.scenario, rig.scenario.record
+    while True:
+        folder = out if out is not None else free_folder(scenario.name)
+        try:
+            recorder = Recorder.open(folder, rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+            break
+        except InputError:
+            if out is not None or free_folder(scenario.name) == folder:
+                raise  # else another run took the folder meanwhile
+    for name, data in rig.attachments.items():
+        recorder.attach(name, data)
+    return recorder
 
 
 def free_folder(name: str, parent: Path = Path("runs")) -> Path:

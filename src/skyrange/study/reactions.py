@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
@@ -42,7 +43,6 @@ RESET_M: Final = 1.5
 """A smaller reset cannot be told from noise in what ArduPilot reports."""
 TIME_S: Final = 1.0
 """Resets at most so far apart are at the same time."""
-OUTCOMES: Final = ("ignored", "followed", "doubted, then followed", "reset", "failsafe")
 
 HOLD: Final = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t-35.363328\t149.1652241\t10\t1
@@ -90,7 +90,7 @@ class Reaction:
 
     @property
     def outcome(self) -> str:
-        """One of `OUTCOMES`, the gravest that applies."""
+        """The gravest that applies of ignored, followed, doubted (to the end, or then followed), reset and failsafe."""
         if self.failsafe_s is not None:
             return "failsafe"
         if self.resets:
@@ -199,14 +199,14 @@ def compare(
     *,
     on_progress: OnProgress | None = None,
 ) -> list[Compared]:
-    """Fly the settings, both autopilots in one run, into `folder`, and read the reactions.
+    """Fly the settings, both autopilots in one run, into the run folder `folder`, and read the reactions.
 
     `params` are ArduPilot's, beside its defaults. Raises as `session.fly`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    mission = folder / "hold.waypoints"
-    mission.write_text(HOLD.format(alt=ALT_M, hold=START_S + SECONDS))
-    record = fly(scenario(chosen, mission, params), folder / "run", on_progress=on_progress, report=False)
+    with TemporaryDirectory() as scratch:
+        mission = Path(scratch) / "hold.waypoints"
+        mission.write_text(HOLD.format(alt=ALT_M, hold=START_S + SECONDS))
+        record = fly(scenario(chosen, mission, params), folder, on_progress=on_progress, report=False)
     return read(record, chosen)
 
 
@@ -264,11 +264,6 @@ class Agreement:
     together: int
     """Of `resets`, those at most `TIME_S` apart."""
     reset_apart_max_s: float
-
-    @property
-    def share(self) -> float:
-        """Of the settings, those alike."""
-        return self.alike / self.settings
 
 
 def agreement(compared: Sequence[Compared]) -> Agreement:

@@ -8,7 +8,6 @@ was read. Only payloads cross, so a peer may be any program.
 from __future__ import annotations
 
 import asyncio
-import json
 import signal
 import sys
 import time
@@ -18,8 +17,9 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any, Final
 
+from pydantic import TypeAdapter
+
 from skyrange.agent.frames import Frame
-from skyrange.agent.links import Channel, LinkSpec
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel
@@ -30,14 +30,13 @@ from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.clock import RangeClock
 from skyrange.runtime.live.control import Phone
 from skyrange.runtime.live.ends import End, calling, listening
+from skyrange.runtime.live.warm import warm_up
 from skyrange.scenario.load import load_file
 from skyrange.scenario.wire import Rig, wire
 
 SLICE_NS: Final[Time] = 50 * NS_PER_MS
 """The most that a node makes good at once, so that its sockets are served while it is behind."""
 STATUS_S: Final = 0.5
-WARM_UP_NS: Final[Time] = 30 * NS_PER_S
-"""Of simulated time, flown beforehand and thrown away."""
 MOST_WAITING: Final = 100_000
 """Payloads that wait to be taken in; more are dropped and counted."""
 
@@ -55,22 +54,15 @@ class Orders:
 
     def to_json(self) -> str:
         """As the file has it."""
-        return json.dumps(asdict(self))
+        return _ORDERS.dump_json(self).decode()
 
     @classmethod
     def from_json(cls, text: str) -> Orders:
         """What `to_json` wrote."""
-        said = json.loads(text)
-        crossings = [
-            Crossing(
-                LinkSpec(**{**row["link"], "channel": Channel(**row["link"]["channel"])}),
-                row["transport"],
-                row["listener"],
-                (row["address"][0], row["address"][1]),
-            )
-            for row in said.pop("crossings")
-        ]
-        return cls(**{**said, "endpoints": tuple(said["endpoints"])}, crossings=tuple(crossings))
+        return _ORDERS.validate_json(text)
+
+
+_ORDERS: Final = TypeAdapter(Orders)
 
 
 @dataclass(slots=True)
@@ -83,6 +75,8 @@ class Counts:
     """Payloads that no peer took."""
     dropped: int = 0
     """Payloads that came faster than they could be taken in."""
+    early: int = 0
+    """Payloads that came before time 0 was known."""
     late_ns: Time = 0
     """The most that something was done after it was due."""
 
@@ -96,7 +90,7 @@ class Node:
         self._kernel = Kernel(replace(rig.wiring, fuse=False), [recorder])
         self._recorder = recorder
         self._duration_ns = rig.duration_ns
-        self._clock = RangeClock(0)
+        self._clock: RangeClock | None = None
         self._ends: dict[str, End] = {}
         self._waiting: list[tuple[Time, str, bytes]] = []
         self._awake = asyncio.Event()
@@ -132,6 +126,9 @@ class Node:
                 ) from error
 
     def _heard(self, lane: str, data: bytes) -> None:
+        if self._clock is None:
+            self.counts.early += 1  # a stranger's: nobody of the range speaks before it
+            return
         if len(self._waiting) >= MOST_WAITING:
             self.counts.dropped += 1
             return
@@ -150,22 +147,21 @@ class Node:
 
     async def fly(self, zero_ns: int) -> str:
         """Until the end, or until it is stopped; how it ended, as a record's status."""
-        self._clock = RangeClock(zero_ns)
+        clock = self._clock = RangeClock(zero_ns)
         while not self._stopped:
-            now = self._clock.now()
+            now = clock.now()
             if now >= 0:
                 self._turn(min(now, self._duration_ns))
                 if self._kernel.now >= self._duration_ns:
                     return "complete"
             due = self._pending[0][0] if self._pending else self._duration_ns
             due = max(min(self._kernel.due, due, self._duration_ns), 0)
-            await self._rest(due)
+            await self._rest((due - clock.now()) / NS_PER_S)
         return self._stopped
 
-    async def _rest(self, due: Time) -> None:
-        """Until `due`, or until something is heard; sockets are served at least once."""
+    async def _rest(self, seconds: float) -> None:
+        """So long, or until something is heard; sockets are served at least once."""
         self._awake.clear()
-        seconds = (due - self._clock.now()) / NS_PER_S
         if self._waiting or seconds <= 0.0:
             await asyncio.sleep(0)
             return
@@ -209,10 +205,11 @@ class Node:
     @property
     def status(self) -> Mapping[str, float]:
         """For the supervisor's table."""
+        now = self._clock.now() if self._clock is not None else 0
         return {
             **asdict(self.counts),
             "now_ns": self._kernel.now,
-            "lag_ns": max(min(self._clock.now(), self._duration_ns) - self._kernel.due, 0),
+            "lag_ns": max(min(now, self._duration_ns) - self._kernel.due, 0),
             "cpu_s": time.process_time(),
         }
 
@@ -235,9 +232,7 @@ async def serve(orders: Orders) -> int:
         try:
             scenario, here = load_file(orders.scenario), frozenset(orders.endpoints)
             rig = wire(scenario, local=here)
-            if all(vehicle.autopilot == "builtin" for _, vehicle in scenario.fleet):
-                # so that nothing is compiled or loaded in flight: all of it, in virtual time, thrown away
-                Kernel(wire(scenario).wiring).advance(min(rig.duration_ns, WARM_UP_NS))
+            warm_up(scenario)
             return await _serve(orders, phone, rig)
         except (SkyrangeError, OSError) as error:
             await phone.tell("done", status="failed", error=str(error))

@@ -15,7 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from skyrange.core.errors import ComponentError, Fault, InputError, ShortfallError
+from skyrange.core.compiled import compiled_before
+from skyrange.core.errors import ComponentError, Fault, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.io.programs import Program
 from skyrange.record import Recorder
@@ -26,7 +27,8 @@ from skyrange.runtime.live.addresses import Crossing, check_free, crossings
 from skyrange.runtime.live.control import Desk, Message
 from skyrange.runtime.live.node import Orders
 from skyrange.runtime.live.plan import Group, Plan, plan
-from skyrange.runtime.run import free_folder
+from skyrange.runtime.live.warm import warm_up
+from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, wire
 
@@ -61,12 +63,18 @@ class Range:
     rig: Rig
     plan: Plan
     crossings: list[Crossing]
-    folder: Path
+    recorder: Recorder
+    """Of the whole; it is told everything at the end."""
     on_death: Literal["stop", "continue"] = "stop"
     members: dict[str, Member] = field(default_factory=dict)
     zero_ns: int = 0
     took_s: float = 0.0
     """Wall seconds from time 0 to the end."""
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self.recorder.path
 
     @property
     def parts(self) -> Path:
@@ -91,18 +99,17 @@ def prepare(
     port_offset: int = 0,
     on_death: Literal["stop", "continue"] = "stop",
 ) -> Range:
-    """Plan and check everything; nothing is started. Raises `InputError` with all that is wrong."""
+    """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
+
+    Raises `InputError` with all that is wrong, before anything is written.
+    """
     rig = wire(scenario)
     links = rig.wiring.links
     planned = plan(links, group, outside)
     places = crossings(links, planned.crossing(links), port_offset)
     check_free([one for one in places if planned.home(one.listener)])
     _check_attacks(rig)
-    folder = out if out is not None else free_folder(scenario.name)
-    made = Range(rig, planned, places, folder, on_death)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError.one("live", "folder", str(folder), "a folder that is new or empty")
-    return made
+    return Range(rig, planned, places, open_record(rig, out), on_death)
 
 
 def _check_attacks(rig: Rig) -> None:
@@ -125,6 +132,8 @@ def fly(flown: Range, on_look: OnLook | None = None) -> Path:
     `on_look` is called ten times a second. Raises `ComponentError` where a node does not come up or dies,
     `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
     """
+    if not compiled_before():
+        warm_up(flown.rig.scenario)
     with Interruptible() as interrupt:
         return asyncio.run(_fly(flown, on_look or _nothing, interrupt))
 
@@ -134,7 +143,6 @@ def _nothing(_: Range) -> None:
 
 
 async def _fly(flown: Range, on_look: OnLook, interrupt: Interruptible) -> Path:
-    recorder = _opened(flown)
     desk = Desk()
     desk.open()
     failure: ComponentError | None = None
@@ -162,21 +170,12 @@ async def _fly(flown: Range, on_look: OnLook, interrupt: Interruptible) -> Path:
             if member.program is not None:
                 member.program.kill()
         desk.close()
-    _merge(flown, recorder, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
+    _merge(flown, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
     if failure is not None:
         raise failure
     if interrupt.requested:
         raise ShortfallError(f"interrupted at {max(flown.now_s, 0.0):.1f} s", flown.folder)
     return flown.folder
-
-
-def _opened(flown: Range) -> Recorder:
-    """The run's folder with the scenario in it, from which nodes read it; it says that it runs."""
-    record = flown.rig.scenario.record
-    recorder = Recorder.open(flown.folder, flown.rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
-    for name, data in flown.rig.attachments.items():
-        recorder.attach(name, data)
-    return recorder
 
 
 def _start(flown: Range, desk: Desk) -> None:
@@ -265,7 +264,7 @@ async def _end(flown: Range, desk: Desk, on_look: OnLook) -> None:
         await asyncio.sleep(LOOK_S)
 
 
-def _merge(flown: Range, recorder: Recorder, status: str, failure: ComponentError | None) -> None:
+def _merge(flown: Range, status: str, failure: ComponentError | None) -> None:
     """One run's folder of all parts, and the parts away."""
     late = {name: int(member.status.get("late_ns", 0)) for name, member in flown.members.items()}
     reached_s = max((to_seconds(int(m.status.get("now_ns", 0))) for m in flown.members.values()), default=0.0)
@@ -287,6 +286,10 @@ def _merge(flown: Range, recorder: Recorder, status: str, failure: ComponentErro
     if failure is not None:
         extra["error"] = str(failure)
     parts = [flown.parts / node.name.replace("/", "-") for node in flown.plan.nodes]
-    found = gather(parts, recorder, flown.rig.header)
-    recorder.close(status, {**found, **extra})
+    try:
+        found = gather(parts, flown.recorder, flown.rig.header)
+    except SkyrangeError as error:
+        flown.recorder.close("failed", {"error": str(error)} | extra)
+        raise
+    flown.recorder.close(status, {**found, **extra})
     shutil.rmtree(flown.parts)

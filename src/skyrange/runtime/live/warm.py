@@ -1,0 +1,42 @@
+"""How does no process of a live range compile in flight? Each flies the scenario beforehand, and throws it away.
+
+Compiling takes a minute of processor time, and what one process compiled the others only load; so the first does it
+alone, before the others start.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.kernel import Kernel
+from skyrange.scenario.autopilots import Autopilots
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.wire import wire
+
+WARM_UP_NS: Final[Time] = 30 * NS_PER_S
+"""Of simulated time: by then most have armed, taken off and flown."""
+
+
+def warm_up(scenario: Scenario) -> None:
+    """Fly the first half minute in virtual time, unrecorded, with the builtin in every other autopilot's place."""
+    rig = wire(_all_builtin(scenario))
+    Kernel(rig.wiring).advance(min(rig.duration_ns, WARM_UP_NS))
+
+
+def _all_builtin(scenario: Scenario) -> Scenario:
+    """Without parameters too: the builtin does not have all of the others', and nobody looks where it flies."""
+    operators = tuple(
+        operator.model_copy(
+            update={
+                "vehicles": tuple(
+                    vehicle.model_copy(update={"autopilot": "builtin", "params": {}})
+                    if vehicle.autopilot != "builtin"
+                    else vehicle
+                    for vehicle in operator.vehicles
+                )
+            }
+        )
+        for operator in scenario.operators
+    )
+    return scenario.model_copy(update={"operators": operators, "autopilots": Autopilots()})

@@ -1,0 +1,86 @@
+"""One process of a live range, on its own: what it makes of a peer that knows no order."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from skyrange.core.errors import ComponentError
+from skyrange.record import Recorder, load
+from skyrange.runtime.live.addresses import Crossing, crossings
+from skyrange.runtime.live.node import Node, Orders
+from skyrange.runtime.live.plan import plan
+from skyrange.scenario.load import build
+from skyrange.scenario.wire import Rig, wire
+
+SCENARIO = {
+    "name": "alone",
+    "duration_s": 0.3,
+    "origin": [-35.0, 149.0],
+    "operators": [{"id": "blue", "vehicles": [{"id": "b1", "plan": {"path": {"points": [[0.0, 9.0]], "alt_m": 5.0}}}]}],
+}
+HEARTBEAT = mavlink.MAVLink(None, srcSystem=1).heartbeat_encode(2, 3, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=1))
+
+
+def free_port(kind: int) -> int:
+    with socket.socket(socket.AF_INET, kind) as tried:
+        tried.bind(("127.0.0.1", 0))
+        return int(tried.getsockname()[1])
+
+
+def station(folder: Path) -> tuple[Node, Rig, Recorder, Crossing]:
+    scenario = build(SCENARIO, "test")
+    links = wire(scenario).wiring.links
+    made = plan(links, "component")
+    port = free_port(socket.SOCK_DGRAM)
+    place = next(one for one in crossings(links, made.crossing(links)) if one.link.name == "gcs:blue/b1")
+    place = Crossing(place.link, place.transport, place.listener, ("127.0.0.1", port))
+    rig = wire(scenario, local=frozenset({"blue.gcs"}))
+    recorder = Recorder.open(folder, rig.header | {"node": {"name": "blue.gcs", "endpoints": ["blue.gcs"]}})
+    orders = Orders("blue.gcs", ("blue.gcs",), "", str(folder), "", (place,))
+    return Node(orders, rig, recorder), rig, recorder, place
+
+
+def test_what_comes_before_the_start_is_counted_and_dropped(tmp_path: Path) -> None:
+    async def live() -> tuple[Node, str]:
+        node, _, recorder, place = station(tmp_path / "run")
+        await node.bind()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+            peer.sendto(HEARTBEAT, place.address)
+            await asyncio.sleep(0.05)
+            await node.connect()
+            node.boot()
+            flying = asyncio.create_task(node.fly(time.monotonic_ns()))
+            await asyncio.sleep(0.05)
+            peer.sendto(HEARTBEAT, place.address)
+            status = await flying
+        node.close()
+        recorder.close(status)
+        return node, status
+
+    node, status = asyncio.run(live())
+    assert status == "complete"
+    assert (node.counts.early, node.counts.received) == (1, 1)
+    frames = load(tmp_path / "run").table("frames").to_pylist()
+    (heard,) = [row for row in frames if row["link"] == "gcs:blue/b1" and row["direction"] == "rev"]
+    assert 0 <= heard["arrived_ns"] <= node.status["now_ns"]
+
+
+def test_an_address_in_use_is_named(tmp_path: Path) -> None:
+    async def bind() -> None:
+        node, _, recorder, place = station(tmp_path / "run")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(place.address)
+            try:
+                await node.bind()
+            finally:
+                node.close()
+                recorder.close("failed")
+
+    with pytest.raises(ComponentError, match=r"blue\.gcs.*gcs:blue/b1 at 127\.0\.0\.1:\d+: [Aa]ddress"):
+        asyncio.run(bind())
