@@ -1,7 +1,8 @@
 """What do the supervisor and its nodes say to each other? One JSON object per message, over ZeroMQ.
 
-Node: `hello`, `bound` (its addresses are held), `ready` (booted, connected), `status` twice a second, `done`.
-Supervisor: `connect` once all are bound, `start` with the clock's zero once all are ready, `stop`.
+Node: `hello`, `bound` (it flew on trial, its addresses are held), `ready` (booted, connected), `status` twice a second,
+`done`. Supervisor: `warm_up` to the first, and to the others once that one is bound; `connect` once all are bound;
+`start` with the clock's zero once all are ready; `stop`.
 Nothing that is received is evaluated; what is no such object is dropped and counted.
 """
 

@@ -97,6 +97,7 @@ class Node:
         self._pending: list[tuple[Time, int, Transit]] = []
         self._pushed = 0
         self._arrived: dict[str, int] = {}
+        self._began_cpu_s = time.process_time()
         self._stopped = ""
         """Why it ends early, such as "interrupted"; "" while it does not."""
 
@@ -148,6 +149,7 @@ class Node:
     async def fly(self, zero_ns: int) -> str:
         """Until the end, or until it is stopped; how it ended, as a record's status."""
         clock = self._clock = RangeClock(zero_ns)
+        self._began_cpu_s = time.process_time()
         while not self._stopped:
             now = clock.now()
             if now >= 0:
@@ -210,7 +212,7 @@ class Node:
             **asdict(self.counts),
             "now_ns": self._kernel.now,
             "lag_ns": max(min(now, self._duration_ns) - self._kernel.due, 0),
-            "cpu_s": time.process_time(),
+            "cpu_s": time.process_time() - self._began_cpu_s,
         }
 
     def close(self) -> None:
@@ -232,8 +234,12 @@ async def serve(orders: Orders) -> int:
         try:
             scenario, here = load_file(orders.scenario), frozenset(orders.endpoints)
             rig = wire(scenario, local=here)
+            await _until(phone, "warm_up")
             warm_up(scenario)
             return await _serve(orders, phone, rig)
+        except _StoppedError:
+            await phone.tell("done", status="interrupted")
+            return 0
         except (SkyrangeError, OSError) as error:
             await phone.tell("done", status="failed", error=str(error))
             print(error, file=sys.stderr)

@@ -10,12 +10,11 @@ import asyncio
 import shutil
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from skyrange.core.compiled import compiled_before
 from skyrange.core.errors import ComponentError, Fault, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.io.programs import Program
@@ -27,16 +26,17 @@ from skyrange.runtime.live.addresses import Crossing, check_free, crossings
 from skyrange.runtime.live.control import Desk, Message
 from skyrange.runtime.live.node import Orders
 from skyrange.runtime.live.plan import Group, Plan, plan
-from skyrange.runtime.live.warm import warm_up
 from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, wire
 
-State = Literal["starting", "bound", "ready", "flying", "done", "dead"]
+State = Literal["starting", "here", "bound", "ready", "flying", "done", "dead"]
 LEAD_NS: Final = 300_000_000
 """From the word to start to time 0."""
+WARM_S: Final = 600.0
+"""Wall seconds in which the first node has to have flown on trial: where nothing was compiled yet, it does that."""
 START_S: Final = 180.0
-"""Wall seconds in which all nodes have to be ready: the first start compiles, autopilots boot."""
+"""Wall seconds in which all nodes have to come one step further, such as to boot their autopilots."""
 END_S: Final = 60.0
 """Wall seconds that a node has to close its record."""
 LOOK_S: Final = 0.1
@@ -132,8 +132,6 @@ def fly(flown: Range, on_look: OnLook | None = None) -> Path:
     `on_look` is called ten times a second. Raises `ComponentError` where a node does not come up or dies,
     `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
     """
-    if not compiled_before():
-        warm_up(flown.rig.scenario)
     with Interruptible() as interrupt:
         return asyncio.run(_fly(flown, on_look or _nothing, interrupt))
 
@@ -150,14 +148,22 @@ async def _fly(flown: Range, on_look: OnLook, interrupt: Interruptible) -> Path:
         _start(flown, desk)
         listener = asyncio.create_task(_listen(flown, desk))
         try:
-            steps: tuple[tuple[State, str], ...] = (("bound", "connect"), ("ready", "start"))
-            for state, word in steps:
-                await _all(flown, state, on_look, interrupt)
+            names = list(flown.members)
+            # what the first one compiles the others only load
+            steps: tuple[tuple[Sequence[str], State, float, str], ...] = (
+                (names[:1], "here", START_S, "warm_up"),
+                (names[:1], "bound", WARM_S, ""),
+                (names[1:], "here", START_S, "warm_up"),
+                (names, "bound", START_S, "connect"),
+                (names, "ready", START_S, "start"),
+            )
+            for who, state, within_s, word in steps:
+                await _all(flown, who, state, within_s, on_look, interrupt)
                 if interrupt.requested:
                     break
                 if word == "start":
                     flown.zero_ns = time.monotonic_ns() + LEAD_NS
-                for name in flown.members:
+                for name in who if word else ():
                     await desk.tell(name, word, zero_ns=flown.zero_ns)
             await _watch(flown, desk, on_look, interrupt)
         except ComponentError as error:
@@ -208,7 +214,9 @@ async def _listen(flown: Range, desk: Desk) -> None:
         if member is None:
             continue
         kind = said.pop("kind")
-        if kind in ("bound", "ready"):
+        if kind == "hello":
+            member.state = "here"
+        elif kind in ("bound", "ready"):
             member.state = kind
         elif kind == "status":
             member.state, member.status = "flying", said
@@ -217,17 +225,19 @@ async def _listen(flown: Range, desk: Desk) -> None:
             member.ended = str(said.get("error", ""))
 
 
-async def _all(flown: Range, state: State, on_look: OnLook, interrupt: Interruptible) -> None:
-    """Wait until all have come so far."""
-    deadline = time.monotonic() + START_S
-    while any(member.state != state for member in flown.members.values()) and not interrupt.requested:
+async def _all(
+    flown: Range, who: Sequence[str], state: State, within_s: float, on_look: OnLook, interrupt: Interruptible
+) -> None:
+    """Wait until all of `who` have come so far."""
+    deadline = time.monotonic() + within_s
+    while any(flown.members[name].state != state for name in who) and not interrupt.requested:
         _bury(flown)
         gone = [member for member in flown.members.values() if member.state in ("done", "dead")]
         if gone:
             raise ComponentError(gone[0].name, gone[0].ended or "ended before the start")
         if time.monotonic() > deadline:
-            late = ", ".join(member.name for member in flown.members.values() if member.state != state)
-            raise ComponentError("live", f"{late} not {state} within {START_S:g} s")
+            late = ", ".join(name for name in who if flown.members[name].state != state)
+            raise ComponentError("live", f"{late} not {state} within {within_s:g} s")
         on_look(flown)
         await asyncio.sleep(LOOK_S)
 
