@@ -192,10 +192,18 @@ def live_(
             metavar="FOLDER", help="The range's keys, as `skyrange keys` makes them, for hosts that join. No default."
         ),
     ] = None,
+    netns: Annotated[
+        bool,
+        typer.Option(
+            "--netns",
+            help="Give every ground station and every aircraft a network namespace of its own, for tools that work on "
+            "packets (tc, Scapy). Linux, and needs root.",
+        ),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario in real time, every component a process of its own on real sockets."""
-    options = {"group": group.value if group is not None else None, "on_death": on_death.value}
+    options = {"group": group.value if group is not None else None, "on_death": on_death.value, "netns": netns}
     live.live(scenario, out, seed, buildings, changes or [], external or [], port_offset, keys, options, as_json)
 
 

@@ -28,7 +28,7 @@ def merge(flown: Range, status: str, failure: SkyrangeError | None) -> None:
         flown.recorder.close("failed", {"error": str(error)} | extra)
         raise
     flown.recorder.close(status, {**found, **extra})
-    shutil.rmtree(flown.folder / PARTS)
+    shutil.rmtree(flown.folder / PARTS, ignore_errors=True)  # none where nothing was started
 
 
 def _timings(flown: Range) -> dict[str, Any]:
@@ -48,6 +48,7 @@ def _live(flown: Range) -> dict[str, Any]:
         "outside": sorted(flown.plan.outside),
         "links": {one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in flown.crossings},
         "hosts": {node.name: node.host for node in flown.plan.nodes} if flown.plan.others else {},
+        "namespaces": dict(flown.spaces.names) if flown.spaces is not None else {},
         "clocks": flown.clocks,
         "refused": flown.refused,
         "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},

@@ -15,7 +15,8 @@ from skyrange.io.programs import Program
 from skyrange.record import Recorder
 from skyrange.runtime.live.addresses import Crossing, check_free, crossings
 from skyrange.runtime.live.control import Message
-from skyrange.runtime.live.plan import Group, Plan, plan
+from skyrange.runtime.live.namespaces import Namespaces, namespaces
+from skyrange.runtime.live.plan import Group, Plan, component_of, plan
 from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, wire
@@ -59,6 +60,8 @@ class Range:
     keys: Keys | None = None
     """The range's own and those of the machines that may join; `None` for a range of one machine."""
     control_port: int = 0
+    spaces: Namespaces | None = None
+    """The networks of operators and aircraft, if they have their own on this machine."""
     members: dict[str, Member] = field(default_factory=dict)
     waits_for: list[str] = field(default_factory=list)
     """Addresses of machines that have not joined yet."""
@@ -74,6 +77,11 @@ class Range:
     def folder(self) -> Path:
         """The run's folder."""
         return self.recorder.path
+
+    @property
+    def joining(self) -> tuple[str, ...]:
+        """The addresses of the machines that have to join."""
+        return tuple(one for one in self.plan.others if self.spaces is None or one not in self.spaces.names)
 
     @property
     def now_s(self) -> float:
@@ -95,6 +103,7 @@ def prepare(
     port_offset: int = 0,
     on_death: OnDeath = "stop",
     keys: Keys | None = None,
+    netns: bool = False,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
@@ -102,15 +111,20 @@ def prepare(
     """
     rig = wire(scenario)
     links = rig.wiring.links
-    planned = plan(links, group, outside, scenario.hosts)
+    if netns and scenario.hosts:
+        raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")
+    components = {component_of(end) for spec in links for end in (spec.a, spec.b)}
+    spaces = namespaces(sorted(components)) if netns else None
+    planned = plan(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
     places = crossings(links, planned, port_offset)
-    if planned.others and keys is None:
+    if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
         raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
-    check_free([one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base])
+    here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
+    check_free([one for one in here if spaces is None])  # in networks that are not there yet nobody is
     _check_attacks(rig)
     control_port = CONTROL_PORT + port_offset if planned.others else 0
-    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port)
+    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port, spaces)
 
 
 def _check_attacks(rig: Rig) -> None:

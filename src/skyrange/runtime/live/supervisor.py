@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Final
 
@@ -47,7 +47,7 @@ def fly(flown: Range, on_look: OnLook | None = None) -> Path:
     `on_look` is called ten times a second. Raises `ComponentError` where a node or a machine does not come up or dies,
     `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
     """
-    with Interruptible() as interrupt:
+    with flown.spaces or nullcontext(), Interruptible() as interrupt:
         return asyncio.run(_Supervisor(flown, on_look or _nothing, interrupt).fly())
 
 
@@ -66,7 +66,7 @@ class _Supervisor:
         self._passes: Passes = issue(public)
         peers = frozenset({self._passes.desk.public}) | (flown.keys.peers if flown.keys is not None else frozenset())
         self._desk = Desk(Keys(public, secret, peers))
-        others = {address: Machine(address) for address in flown.plan.others}
+        others = {address: Machine(address) for address in flown.joining}
         self._machines = Machines(flown.rig.scenario.name, self._desk, self._on_ended, others)
 
     async def fly(self) -> Path:
@@ -131,7 +131,8 @@ class _Supervisor:
             await self._machines.give(address, flown.rig.attachments, orders)
         for node in flown.plan.nodes:
             if node.host not in self._machines.members:
-                flown.members[node.name].program = launch.start(flown.folder, self._orders(node.name))
+                through = flown.spaces.through(node.host) if flown.spaces is not None else ()
+                flown.members[node.name].program = launch.start(flown.folder, self._orders(node.name), through)
 
     def _orders(self, name: str) -> Orders:
         flown = self._range
