@@ -65,15 +65,12 @@ class SignedMail:
         What is no whole frame is left for the reader to count: a checksum stands before a signature.
         """
         self._begin(now)
-        numbers = self._heard[mail.places]
-        kinds = sort(mail.payloads)
+        rows = np.flatnonzero(self._heard[mail.places] >= 0)
+        mine = mail.payloads.take(rows)
         keep = np.ones(len(mail.payloads), dtype=np.bool_)
-        for row in np.flatnonzero(numbers >= 0).tolist():
-            frame, number = mail.payloads[row], numbers.item(row)
-            if kinds.item(row) >= 0:
-                found = self._signers[number].refusal(frame)
-            else:
-                found = self._refusal_of_other(number, frame)
+        numbers = self._heard[mail.places[rows]].tolist()
+        for row, number, kind, frame in zip(rows.tolist(), numbers, sort(mine).tolist(), mine, strict=True):
+            found = self._signers[number].refusal(frame) if kind >= 0 else self._refusal_of_other(number, frame)
             if found is not None:
                 keep[row] = False
                 self._refuse(number, found, frame, inbox, mail.order.item(row), out)

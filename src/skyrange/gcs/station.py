@@ -100,10 +100,10 @@ class GroundStation:
         self.bad_approvals = 0
         """Frames on the approval link that were not understood or not asked for."""
         self._places = {port: place for place, port in enumerate(self.ports)}
-        mail = [
-            Connection(pilot.flight.vehicle, key, pilot.port, pilot.port) for pilot in self._pilots if key is not None
-        ]
-        self._signed = SignedMail(self.ports, mail, LINK_ID, "decision.signature_refused") if key is not None else None
+        self._signed: SignedMail | None = None
+        if key is not None:
+            ends = [Connection(pilot.flight.vehicle, key, pilot.port, pilot.port) for pilot in self._pilots]
+            self._signed = SignedMail(self.ports, ends, LINK_ID, "decision.signature_refused")
         self._by_intent: dict[str, int] = {}
         self._heap: list[tuple[Time, int]] = [(0, place) for place in range(len(flights))]
         self._queued: list[Time] = [0] * len(flights)
