@@ -17,6 +17,7 @@ import pytest
 
 from skyrange.agent.frames import Frame
 from skyrange.agent.links import AttackPlan, TapPlacement
+from skyrange.agent.plugins import AUTOPILOTS, register
 from skyrange.agent.verdicts import Inject, Replace, Verdict
 from skyrange.codec.mavlink import Packer, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
@@ -241,10 +242,16 @@ def test_companions_sign_what_they_command(tmp_path: Path) -> None:
 
 
 def test_an_autopilot_that_cannot_sign_is_named() -> None:
-    with pytest.raises(InputError, match=r"blue/b1\.autopilot.*ardupilot.*signs its MAVLink"):
-        wire(scenario("on", autopilot="ardupilot"))
-    with pytest.raises(InputError, match=r"signing"):
+    register(AUTOPILOTS, "unsigned", _unsigned)
+    with pytest.raises(InputError, match=r"blue/b1\.autopilot.*unsigned.*signs its MAVLink"):
+        wire(scenario("on", autopilot="unsigned"))
+    with pytest.raises(InputError, match=r"signing.*onn"):
         scenario("onn")
+
+
+def _unsigned(*args: Any) -> Any:
+    """An autopilot that knows of no keys."""
+    raise AssertionError("it must not be made")
 
 
 @pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed (apt-get install tshark)")

@@ -13,9 +13,8 @@ import numpy as np
 from skyrange.agent.messages import Block, Columns, Departure, Inbox, Outbox, Scalar
 from skyrange.agent.payloads import Payloads
 from skyrange.codec.columns import sort
-from skyrange.codec.mavlink import decode, message_id, message_name
-from skyrange.codec.signing import ACCEPTED_UNSIGNED, Refusal, Signer, SigningKey
-from skyrange.codec.wire import MAGIC_V2
+from skyrange.codec.mavlink import decode, message_name
+from skyrange.codec.signing import Refusal, Signer, SigningKey
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
@@ -105,9 +104,7 @@ class SignedMail:
             decode(frame)
         except DecodeError:
             return None
-        if frame[0] == MAGIC_V2:
-            return self._signers[number].refusal(frame)
-        return None if message_id(frame) in ACCEPTED_UNSIGNED else Refusal.UNSIGNED
+        return self._signers[number].refusal(frame)
 
     def _refuse(self, number: int, why: Refusal, frame: bytes, inbox: Inbox, order: int, out: Outbox) -> None:
         column = _REASONS.index(why)

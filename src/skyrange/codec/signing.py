@@ -15,7 +15,8 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, SIGNATURE, SIGNED, checksum
+from skyrange.codec.mavlink import message_id
+from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 
 KEY_BYTES: Final = 32
@@ -63,6 +64,11 @@ def timestamp_of(unix_ns: int) -> int:
     return min(max(unix_ns - ZERO_UNIX_NS, 0) // UNIT_NS, LAST_TIMESTAMP)
 
 
+def is_signed(frame: bytes) -> bool:
+    """Whether a whole frame carries a signature, whatever that is worth."""
+    return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
+
+
 def sign(frame: bytes, secret: bytes, link: int, timestamp: int) -> bytes:
     """The signed form of an unsigned MAVLink 2 frame of the dialect: flag set, checksum made anew, 13 bytes added."""
     end = HEADER_V2 + frame[1]
@@ -104,11 +110,12 @@ class Signer:
         return sign(frame, self.key.secret, self.link, timestamp)
 
     def refusal(self, frame: bytes) -> Refusal | None:
-        """Why a whole MAVLink 2 frame with a right checksum is not believed; what is believed is remembered."""
-        found = self._judge(frame) if frame[2] & SIGNED else Refusal.UNSIGNED
-        if found is not None and frame[7] | frame[8] << 8 | frame[9] << 16 in ACCEPTED_UNSIGNED:
-            return None
-        return found
+        """Why a whole frame with a right checksum is not believed; what is believed is remembered.
+
+        MAVLink 1 cannot be signed.
+        """
+        found = self._judge(frame) if is_signed(frame) else Refusal.UNSIGNED
+        return None if found is not None and message_id(frame) in ACCEPTED_UNSIGNED else found
 
     def _judge(self, frame: bytes) -> Refusal | None:
         if sha256(self.key.secret + frame[:-_DIGEST]).digest()[:_DIGEST] != frame[-_DIGEST:]:

@@ -46,5 +46,6 @@ def signing_faults(scenario: Scenario) -> Iterator[Fault]:
     """Aircraft that are to sign and whose autopilot cannot."""
     for operator, vehicle in scenario.fleet:
         if operator.signing != "off" and not getattr(find(AUTOPILOTS, vehicle.autopilot), "signs", False):
-            where, hint = vehicle_id(operator.id, vehicle.id), 'Signing works with the builtin; or set signing = "off".'
-            yield Fault(f"{where}.autopilot", vehicle.autopilot, "an autopilot that signs its MAVLink", hint)
+            where = f"{vehicle_id(operator.id, vehicle.id)}.autopilot"
+            hint = 'builtin and ardupilot do; or set signing = "off".'
+            yield Fault(where, vehicle.autopilot, "an autopilot that signs its MAVLink", hint)
