@@ -21,7 +21,7 @@ from skyrange.agent.plugins import AUTOPILOTS, register
 from skyrange.agent.verdicts import Inject, Replace, Verdict
 from skyrange.codec.mavlink import Packer, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.signing import secret_of, sign
+from skyrange.codec.signing import Signer, SigningKey, secret_of, sign, timestamp_of
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.record import RunRecord
@@ -32,6 +32,8 @@ from skyrange.scenario.signing import passphrase
 from skyrange.scenario.wire import wire
 from skyrange.study.export import mavlink
 from skyrange.study.session import fly
+from skyrange.vehicle.spec import VehicleSpec
+from tests.integration.flight_harness import EPOCH, Range
 
 V = "blue/b1"
 LINK = f"gcs:{V}"
@@ -239,6 +241,41 @@ def test_companions_sign_what_they_command(tmp_path: Path) -> None:
     assert notes(record, "decision.avoid")
     assert notes(record, "event.signature_refused") == []
     assert record.manifest["digests"]["truth"] == plain.manifest["digests"]["truth"]
+
+
+class Signing(Packer):
+    """A ground station's, which follows the timestamps of what it hears."""
+
+    def __init__(self, key: SigningKey) -> None:
+        super().__init__(255, 190)
+        self.signer = Signer(key, 0)
+        self.signer.start(0)
+
+    def pack(self, message: Any) -> bytes:
+        return self.signer.sign(super().pack(message))
+
+
+def test_an_aircraft_that_was_switched_off_and_on_believes_nothing_of_before() -> None:
+    key = SigningKey(secret_of("x"), timestamp_of(EPOCH.unix_ns))
+    r = Range([VehicleSpec(V, 1, signing_key=key)])
+    station = Signing(key)
+    r.packers[V] = station
+    r.run(1.0)
+    guided = mav.MAVLink_command_long_message(1, 1, mav.MAV_CMD_DO_SET_MODE, 0, 1, 4, 0, 0, 0, 0, 0)
+    withheld = station.pack(guided)
+    assert r.command(V, mav.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0) == 0
+    assert len(r.events("event.reboot")) == 1
+    heard = len(r.frames[V])
+    r.send_bytes(V, withheld)
+    r.run(2.0)
+    (note,) = r.events("event.signature_refused")
+    assert note.data["reason"] == "timestamp more than a minute behind"
+    assert r.events("event.mode") == []
+    assert all(station.signer.refusal(frame) is None for frame in r.frames[V][heard:])
+    r.send(V, guided)
+    r.run(0.1)
+    assert [note.data["mode"] for note in r.events("event.mode")] == ["GUIDED"]
+    assert r.copy().engines[0]._signed is not r.engines[0]._signed
 
 
 def test_an_autopilot_that_cannot_sign_is_named() -> None:

@@ -120,14 +120,16 @@ def test_streams_are_bounded() -> None:
     assert signer.refusal(ping().pack(oracle(0, KEY.initial + 1))) is None
 
 
-def test_a_restart_forgets_streams_and_never_goes_back() -> None:
+def test_a_restart_forgets_streams_but_lets_nothing_of_before_pass_for_new() -> None:
     signer = started()
-    assert signer.refusal(ping().pack(oracle(0, KEY.initial + 10**9))) is None
+    at = KEY.initial + 10**9
+    assert signer.refusal(ping().pack(oracle(0, at))) is None
     signer.start(60 * NS_PER_S)
-    assert signer.timestamp == KEY.initial + 10**9
     assert signer.streams == {}
+    assert signer.refusal(ping().pack(oracle(0, at - 1))) is Refusal.OLD
+    assert signer.refusal(ping().pack(oracle(0, at))) is None
     signer.start(20_000 * NS_PER_S)
-    assert signer.timestamp == KEY.initial + 2 * 10**9
+    assert signer.timestamp == KEY.initial + 2 * 10**9, "the clock, where that is further"
 
 
 def test_only_what_radios_say_is_believed_unsigned() -> None:

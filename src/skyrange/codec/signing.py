@@ -99,9 +99,14 @@ class Signer:
         """(system, component, link) → the last timestamp believed."""
 
     def start(self, now: Time) -> None:
-        """Switched on: streams are forgotten, and the timestamp is the clock's if that is ahead of the stored one."""
+        """Switched on, or on again: streams are forgotten, and the timestamp is the clock's or the stored one.
+
+        To what was stored a minute is added, so that no frame of before passes for one of a new stream
+        (GCS_Signing.cpp `load_signing_key`).
+        """
         self.streams.clear()
-        self.timestamp = max(self.timestamp, min(self.key.initial + max(now, 0) // UNIT_NS, LAST_TIMESTAMP))
+        stored = self.timestamp + BEHIND if self.timestamp else 0
+        self.timestamp = min(max(stored, self.key.initial + max(now, 0) // UNIT_NS), LAST_TIMESTAMP)
 
     def sign(self, frame: bytes) -> bytes:
         """The signed form of a frame to send."""
