@@ -207,28 +207,26 @@ def test_packet_tools_work_in_namespaces_and_nothing_of_them_stays(tmp_path: Pat
         made = sorted(set(namespaces()) - set(before))
         (aircraft,) = [name for name in made if name.endswith("-blue-b1")]
         time.sleep(8.0)
-        netem = f"ip netns exec {aircraft} tc qdisc add dev eth0 root netem delay 300ms".split()
-        slowed = shutil.which("tc") is not None and subprocess.run(netem, check=False).returncode == 0
+        # what a spoofed ARP answer does: the aircraft sends to a station that is not there
+        station = next(one for one in made if one.endswith("-blue.gcs"))
+        shown = subprocess.run(["ip", "-n", station, "-4", "-o", "addr"], check=True, capture_output=True, text=True)
+        address = shown.stdout.partition("eth0    inet ")[2].partition("/")[0]
+        ip(f"-n {aircraft} neigh replace {address} lladdr 02:00:00:00:00:99 dev eth0 nud permanent")
         assert started.wait(120) == 0, (tmp_path / "live.log").read_text()
     finally:
         started.kill()
-    assert until(lambda: namespaces() == before, 10, "all namespaces are gone") or not before
-    assert manifest(tmp_path)["live"]["namespaces"].keys() == {
-        one.removeprefix("udp://").partition(":")[0]
-        for name, one in manifest(tmp_path)["live"]["links"].items()
-        if name.startswith("gcs")
-    } | {address for address, name in manifest(tmp_path)["live"]["namespaces"].items() if name == aircraft}
-    if not slowed:
-        pytest.skip("no netem in this kernel: that a packet tool slows the link was not seen")
+    until(lambda: namespaces() == before, 10, "all namespaces are gone")
+    said = manifest(tmp_path)["live"]
+    assert said["namespaces"].items() >= {(address, station)}
+    assert said["links"]["gcs:blue/b1"] == f"udp://{address}:14555"
     rows = load(tmp_path / "run").table("frames").to_pylist()
-    took = [
-        (row["sent_ns"], row["arrived_ns"] - row["sent_ns"])
-        for row in rows
-        if row["link"] == "gcs:blue/b1" and row["src"] == "blue/b1.companion" and row["arrived_ns"]
-    ]
-    early = sorted(ns for sent, ns in took if sent < 5e9)
-    late = sorted(ns for sent, ns in took if sent > 15e9)
-    assert late[len(late) // 2] - early[len(early) // 2] == pytest.approx(300e6, abs=50e6)
+    told = [row for row in rows if row["link"] == "gcs:blue/b1" and row["src"] == "blue/b1.companion"]
+    early = [row["arrived_ns"] is not None for row in told if row["sent_ns"] < 5e9]
+    late = [row["arrived_ns"] is not None for row in told if row["sent_ns"] > 15e9]
+    assert len(early) > 20
+    assert len(late) > 20
+    assert all(early)
+    assert not any(late)
 
 
 def test_namespaces_go_with_a_range_that_is_killed(tmp_path: Path) -> None:
