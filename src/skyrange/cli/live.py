@@ -66,6 +66,10 @@ def live(
             late = facts["live"]["late_max_s"]
             said = ", ".join(f"{node} by {late[node]:.1f} s" for node in behind)
             print(f"fell behind real time: {said}", file=sys.stderr)
+        for address, clock in facts["live"]["clocks"].items():
+            for jump in clock["jumps"]:
+                said = f"the clock of {address} jumped by {jump['by_s']:+.1f} s at {jump['at_s']:.1f} s"
+                print(f"{said}; it was set, or its machine slept", file=sys.stderr)
     if failure is not None:
         raise failure
 
