@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +46,7 @@ def run(
     changes: Sequence[str],
     qgc: bool,
     viewer_port: int | None,
+    motion: bool,
     as_json: bool,
 ) -> None:
     """`skyrange run`."""
@@ -61,7 +62,7 @@ def run(
     watched = qgc or viewer_port is not None
     with watchable(scenario, watched, viewer_port) as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
-            record = fly(scenario, out, speed=speed, viewers=viewers, on_progress=on_progress)
+            record = fly(scenario, out, speed=speed, viewers=viewers, on_progress=on_progress, motion=motion)
         except ShortfallError as error:
             from skyrange.record import load as load_run
 
@@ -71,8 +72,20 @@ def run(
         print_json(facts)
     else:
         print_summary(facts)
+        tell_if_held_back(record.manifest)
     if shortfall is not None:
         raise shortfall
+
+
+def tell_if_held_back(manifest: Mapping[str, Any]) -> None:
+    """Say that external vehicles were not told to move, and what it would take."""
+    for engine in manifest.get("engines", ()):
+        lock = engine.get("interlock", {})
+        if lock.get("state") == "closed":
+            wanting = [] if lock["scenario"] else ["allow_motion in the scenario"]
+            wanting += [] if lock["command_line"] else ["--allow-motion"]
+            told = ", ".join(engine["vehicles"])
+            print(f"interlock closed: {told} cannot be armed or moved without {' and '.join(wanting)}", file=sys.stderr)
 
 
 def pair(

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.commands import print_json, print_summary, tell_if_cold
+from skyrange.cli.commands import print_json, print_summary, tell_if_cold, tell_if_held_back
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ def live(
     outside: Sequence[str],
     port_offset: int,
     on_death: str,
+    motion: bool,
     as_json: bool,
 ) -> None:
     """`skyrange live`."""
@@ -41,7 +42,7 @@ def live(
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     tell_if_cold(quiet=as_json)
-    options: Any = {"group": group, "on_death": on_death}
+    options: Any = {"group": group, "on_death": on_death, "motion": motion}
     flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, **options)
     failure: ShortfallError | ComponentError | None = None
     with _shown(flown, quiet=as_json) as on_look:
@@ -56,6 +57,7 @@ def live(
         print_json(facts)
     else:
         print_summary(facts)
+        tell_if_held_back(record.manifest)
         behind = facts["live"]["fell_behind"]
         if behind:
             late = facts["live"]["late_max_s"]

@@ -51,6 +51,8 @@ class Orders:
     part: str
     control: str
     crossings: tuple[Crossing, ...]
+    motion: bool = False
+    """Whether the command line lets vehicles outside the range be moved."""
 
     def to_json(self) -> str:
         """As the file has it."""
@@ -233,7 +235,7 @@ async def serve(orders: Orders) -> int:
         await phone.tell("hello")
         try:
             scenario, here = load_file(orders.scenario), frozenset(orders.endpoints)
-            rig = wire(scenario, local=here)
+            rig = wire(scenario, local=here, motion=orders.motion)
             await _until(phone, "warm_up")
             warm_up(scenario)
             return await _serve(orders, phone, rig)

@@ -66,6 +66,8 @@ class Range:
     recorder: Recorder
     """Of the whole; it is told everything at the end."""
     on_death: Literal["stop", "continue"] = "stop"
+    motion: bool = False
+    """Whether vehicles outside the range may be moved, where the scenario allows it too."""
     members: dict[str, Member] = field(default_factory=dict)
     zero_ns: int = 0
     took_s: float = 0.0
@@ -98,18 +100,19 @@ def prepare(
     outside: tuple[str, ...] = (),
     port_offset: int = 0,
     on_death: Literal["stop", "continue"] = "stop",
+    motion: bool = False,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
     Raises `InputError` with all that is wrong, before anything is written.
     """
-    rig = wire(scenario)
+    rig = wire(scenario, motion=motion)
     links = rig.wiring.links
     planned = plan(links, group, outside)
     places = crossings(links, planned.crossing(links), port_offset)
     check_free([one for one in places if planned.home(one.listener)])
     _check_attacks(rig)
-    return Range(rig, planned, places, open_record(rig, out), on_death)
+    return Range(rig, planned, places, open_record(rig, out), on_death, motion)
 
 
 def _check_attacks(rig: Rig) -> None:
@@ -199,6 +202,7 @@ def _start(flown: Range, desk: Desk) -> None:
             part=str((parts / label).absolute()),
             control=desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
+            motion=flown.motion,
         )
         (own / "orders.json").write_text(orders.to_json())
         member = flown.members[node.name] = Member(node.name)
