@@ -96,7 +96,9 @@ pieces = st.lists(st.binary(max_size=300) | frames() | commands(), max_size=8)
 def test_what_leaves_a_closed_interlock_only_asks(payloads: list[bytes], joined: bool) -> None:
     """And so does whatever a receiver may find that lost its place, or that has another idea of it."""
     lock = Interlock(SYSTEM)
-    left = b"".join(payload for payload in ([b"".join(payloads)] if joined else payloads) if lock.judge(payload) is None)
+    left = b"".join(
+        payload for payload in ([b"".join(payloads)] if joined else payloads) if lock.judge(payload) is None
+    )
     assert all(harmless(frame) for frame in whatever_is_found_in(left))
     assert not [piece for piece in Deframer().feed(left) if piece.garbage]
 

@@ -208,7 +208,7 @@ def test_a_closed_interlock_says_what_it_held_back_and_lets_questions_through() 
         held = [told for told in ride.noted("event.interlock") if told.get("message") == "COMMAND_LONG"]
         assert [told["count"] for told in held] == [1, 2, 4]
         assert held[0]["command"] == "MAV_CMD_COMPONENT_ARM_DISARM"
-        assert [note.causes for note in ride.notes if note.data.get("count") == 1][0]
+        assert all(note.causes for note in ride.notes if note.data.get("count"))
         counts = ride.engine.manifest["vehicles"]["blue/b1"]
         assert {(row["command"], row["count"]) for row in counts["refused"]} == {
             ("MAV_CMD_COMPONENT_ARM_DISARM", 5), ("", 5)
@@ -327,6 +327,6 @@ def test_a_silent_one_ends_the_run_unless_it_may_go_on_without() -> None:
         flown, _ = kernel(made(foreign, boot_s=5.0))
         flown.advance(0)
         foreign.quiet = True
-        with pytest.raises(ComponentError, match="blue/b1 .silent: tcp:.*nothing was heard for 0.3 s"):
+        with pytest.raises(ComponentError, match=r"blue/b1 .silent: tcp:.*nothing was heard for 0.3 s"):
             ticked_until(flown, lambda: False)
         flown.finish()
