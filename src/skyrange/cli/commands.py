@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,6 +50,7 @@ def run(
     as_json: bool,
 ) -> None:
     """`skyrange run`."""
+    from skyrange.cli.outside import tell_if_held_back
     from skyrange.cli.progress import progress
     from skyrange.cli.viewing import watchable
     from skyrange.scenario.catalogue import load
@@ -75,17 +76,6 @@ def run(
         tell_if_held_back(record.manifest)
     if shortfall is not None:
         raise shortfall
-
-
-def tell_if_held_back(manifest: Mapping[str, Any]) -> None:
-    """Say that external vehicles were not told to move, and what it would take."""
-    for engine in manifest.get("engines", ()):
-        lock = engine.get("interlock", {})
-        if lock.get("state") == "closed":
-            wanting = [] if lock["scenario"] else ["allow_motion in the scenario"]
-            wanting += [] if lock["command_line"] else ["--allow-motion"]
-            told = ", ".join(engine["vehicles"])
-            print(f"interlock closed: {told} cannot be armed or moved without {' and '.join(wanting)}", file=sys.stderr)
 
 
 def pair(

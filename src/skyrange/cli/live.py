@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.commands import print_json, print_summary, tell_if_cold, tell_if_held_back
+from skyrange.cli.commands import print_json, print_summary, tell_if_cold
+from skyrange.cli.outside import tell_if_held_back
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:

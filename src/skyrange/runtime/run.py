@@ -119,11 +119,12 @@ class Run:
         engines = [mount.engine for mount in self.rig.wiring.engines]
         pace = Pace(held_to(speed, engines))
         end = self.rig.duration_ns
-        if not all(getattr(engine, "waits", True) for engine in engines):
-            warm_up(self.rig.scenario)  # what flies outside does not wait while we compile
         with Interruptible() as interrupt, at_ease():
             began = time.perf_counter()
             try:
+                if not all(getattr(engine, "waits", True) for engine in engines):
+                    warm_up(self.rig.scenario)  # what flies outside does not wait while we compile
+                    began = time.perf_counter()
                 while self.kernel.now < end and not interrupt.requested:
                     self.kernel.advance(self._next(pace.step_ns, end))
                     if self.kernel.now >= 0:
