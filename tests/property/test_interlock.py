@@ -146,6 +146,7 @@ MOTION = [
     mav.MAVLink_open_drone_id_arm_status_message(0, b""),
     mav.MAVLink_param_request_read_message(SYSTEM + 1, 1, b"X", -1),
     mav.MAVLink_param_request_read_message(0, 1, b"X", -1),
+    mav.MAVLink_ping_message(1, 1, SYSTEM + 1, 1),
     LONG(SYSTEM, 1, mav.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 33, 100, 0, 0, 0, 0, 0),
     LONG(SYSTEM, 1, mav.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 0, -1, 0, 0, 0, 0, 0),
     LONG(SYSTEM, 1, mav.MAV_CMD_SET_MESSAGE_INTERVAL, 0, 33, float("nan"), 0, 0, 0, 0, 0),
@@ -182,6 +183,7 @@ def test_an_open_one_lets_motion_pass_but_to_others() -> None:
     for target in (0, SYSTEM + 1):
         other = LONG(target, 1, mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
         assert lock.judge(GROUND.pack(other)) is not None
+    assert lock.judge(GROUND.pack(mav.MAVLink_ping_message(1, 1, SYSTEM + 1, 1))) is not None
     assert lock.judge(b"arm, please") is not None
     assert lock.judge(GROUND.pack(ARM)[:-1]) is not None
 

@@ -29,7 +29,7 @@ class Options(Params):
     boot_s: Number = Field(
         default=20.0,
         gt=0,
-        le=600,
+        le=120,
         description="Wall seconds before time 0 in which each has to be reached and to tell its position.",
     )
 
