@@ -66,6 +66,14 @@ Changes = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."),
 ]
+Motion = Annotated[
+    bool,
+    typer.Option(
+        "--allow-motion",
+        help="Let arming and motion commands through to external vehicles, where the scenario says allow_motion too. "
+        "Such a vehicle can hurt somebody.",
+    ),
+]
 
 
 def _version(wanted: bool) -> None:
@@ -137,10 +145,11 @@ def run(
             "Default: 5763.",
         ),
     ] = None,
+    allow_motion: Motion = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario and leave a run folder with a report."""
-    commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, as_json)
+    commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
 
 
 class Grouping(StrEnum):
@@ -200,10 +209,16 @@ def live_(
             "packets (tc, Scapy). Linux, and needs root.",
         ),
     ] = False,
+    allow_motion: Motion = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario in real time, every component a process of its own on real sockets."""
-    options = {"group": group.value if group is not None else None, "on_death": on_death.value, "netns": netns}
+    options = {
+        "group": group.value if group is not None else None,
+        "on_death": on_death.value,
+        "netns": netns,
+        "motion": allow_motion,
+    }
     live.live(scenario, out, seed, buildings, changes or [], external or [], port_offset, keys, options, as_json)
 
 

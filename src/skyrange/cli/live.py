@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.commands import print_json, print_summary, tell_if_cold
+from skyrange.cli.outside import tell_if_held_back
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
 
@@ -61,6 +62,7 @@ def live(
         print_json(facts)
     else:
         print_summary(facts)
+        tell_if_held_back(record.manifest)
         behind = facts["live"]["fell_behind"]
         if behind:
             late = facts["live"]["late_max_s"]

@@ -57,6 +57,8 @@ class Orders:
     control: Address
     crossings: tuple[Crossing, ...]
     passes: Passes
+    motion: bool = False
+    """Whether the command line lets vehicles outside the range be moved."""
 
     def to_json(self) -> str:
         """As the file has it."""
@@ -246,7 +248,7 @@ async def serve(orders: Orders, root: Path) -> int:
         await phone.tell("hello")
         try:
             scenario, here = load_file(root / "scenario.toml"), frozenset(orders.endpoints)
-            rig = wire(scenario, local=here)
+            rig = wire(scenario, local=here, motion=orders.motion)
             await _until(phone, "warm_up")
             warm_up(scenario)
             return await _serve(orders, phone, rig, root / orders.part)

@@ -62,6 +62,8 @@ class Range:
     control_port: int = 0
     spaces: Namespaces | None = None
     """The networks of operators and aircraft, if they have their own on this machine."""
+    motion: bool = False
+    """Whether vehicles outside the range may be moved, where the scenario allows it too."""
     members: dict[str, Member] = field(default_factory=dict)
     waits_for: list[str] = field(default_factory=list)
     """Addresses of machines that have not joined yet."""
@@ -104,12 +106,13 @@ def prepare(
     on_death: OnDeath = "stop",
     keys: Keys | None = None,
     netns: bool = False,
+    motion: bool = False,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
     Raises `InputError` with all that is wrong, before anything is written.
     """
-    rig = wire(scenario)
+    rig = wire(scenario, motion=motion)
     links = rig.wiring.links
     if netns and scenario.hosts:
         raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")
@@ -124,7 +127,7 @@ def prepare(
     check_free([one for one in here if spaces is None])  # in networks that are not there yet nobody is
     _check_attacks(rig)
     control_port = CONTROL_PORT + port_offset if planned.others else 0
-    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port, spaces)
+    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port, spaces, motion)
 
 
 def _check_attacks(rig: Rig) -> None:

@@ -145,6 +145,7 @@ class _Supervisor:
             control=self._desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
             passes=self._passes,
+            motion=flown.motion,
         )
 
     async def _start(self) -> None:
