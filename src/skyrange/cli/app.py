@@ -184,11 +184,30 @@ def live_(
     on_death: Annotated[
         Death, typer.Option(metavar="HOW", help="When a process dies: stop the range, or continue without it.")
     ] = Death.STOP,
+    qgc: Annotated[
+        bool,
+        typer.Option(
+            "--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."
+        ),
+    ] = False,
+    viewer_port: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            max=65_535,
+            help="The first of those ports, each next aircraft's is 10 higher; 0 takes any. Implies --qgc. "
+            "Default: 5763 and the offset.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario in real time, every component a process of its own on real sockets."""
     how = group.value if group is not None else None
-    live.live(scenario, out, seed, buildings, changes or [], how, external or [], port_offset, on_death.value, as_json)
+    live.live(
+        scenario, out, seed, buildings, changes or [], how, external or [], port_offset, on_death.value,
+        qgc, viewer_port, as_json,
+    )  # fmt: skip
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")

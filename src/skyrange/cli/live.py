@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.commands import print_json, print_summary, tell_if_cold
+from skyrange.cli.live_viewing import first_port, invite, see_off
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ def live(
     outside: Sequence[str],
     port_offset: int,
     on_death: str,
+    qgc: bool,
+    viewer_port: int | None,
     as_json: bool,
 ) -> None:
     """`skyrange live`."""
@@ -41,14 +44,16 @@ def live(
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     tell_if_cold(quiet=as_json)
-    options: Any = {"group": group, "on_death": on_death}
+    options: Any = {"group": group, "on_death": on_death, "viewer_port": first_port(qgc, viewer_port, port_offset)}
     flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, **options)
+    invite(flown)
     failure: ShortfallError | ComponentError | None = None
     with _shown(flown, quiet=as_json) as on_look:
         try:
             fly(flown, on_look)
         except (ShortfallError, ComponentError) as error:
             failure = error
+    see_off(flown)
     record = load_run(flown.folder)
     write_report(record, flown.folder / "report.html")
     facts = {**summary(record), "live": record.manifest["live"]}

@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
+from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Frame
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -30,6 +31,7 @@ from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.clock import RangeClock
 from skyrange.runtime.live.control import Phone
 from skyrange.runtime.live.ends import End, calling, listening
+from skyrange.runtime.live.viewing import Viewing, Watched
 from skyrange.runtime.live.warm import warm_up
 from skyrange.scenario.load import load_file
 from skyrange.scenario.wire import Rig, wire
@@ -51,6 +53,8 @@ class Orders:
     part: str
     control: str
     crossings: tuple[Crossing, ...]
+    watched: Watched = ()
+    """Aircraft of this node that viewers see, and where."""
 
     def to_json(self) -> str:
         """As the file has it."""
@@ -87,7 +91,9 @@ class Node:
     def __init__(self, orders: Orders, rig: Rig, recorder: Recorder) -> None:
         self.counts = Counts()
         self._orders = orders
-        self._kernel = Kernel(replace(rig.wiring, fuse=False), [recorder])
+        self._viewing = Viewing(orders.watched) if orders.watched else None
+        observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
+        self._kernel = Kernel(replace(rig.wiring, fuse=False), observers)
         self._recorder = recorder
         self._duration_ns = rig.duration_ns
         self._clock: RangeClock | None = None
@@ -149,6 +155,8 @@ class Node:
     async def fly(self, zero_ns: int) -> str:
         """Until the end, or until it is stopped; how it ended, as a record's status."""
         clock = self._clock = RangeClock(zero_ns)
+        if self._viewing is not None:
+            self._viewing.open()
         self._began_cpu_s = time.process_time()
         while not self._stopped:
             now = clock.now()
@@ -198,6 +206,8 @@ class Node:
     def _say(self, transit: Transit) -> None:
         frame = transit.frame
         self._recorder.on_frame(frame)  # in flight, as far as is known here
+        if self._viewing is not None:
+            self._viewing.leaves(frame)
         end = self._ends.get(frame.link)
         if end is not None and end.send(frame.payload):
             self.counts.sent += 1
@@ -210,6 +220,7 @@ class Node:
         now = self._clock.now() if self._clock is not None else 0
         return {
             **asdict(self.counts),
+            **(self._viewing.status if self._viewing is not None else {}),
             "now_ns": self._kernel.now,
             "lag_ns": max(min(now, self._duration_ns) - self._kernel.due, 0),
             "cpu_s": time.process_time() - self._began_cpu_s,
@@ -222,6 +233,8 @@ class Node:
         self._pending.clear()
         for end in self._ends.values():
             end.close()
+        if self._viewing is not None:
+            self._viewing.close()
         self._kernel.finish()
 
 

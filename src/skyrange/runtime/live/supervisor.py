@@ -16,16 +16,18 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from skyrange.core.errors import ComponentError, Fault, InputError, ShortfallError, SkyrangeError
+from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.io.programs import Program
 from skyrange.record import Recorder
 from skyrange.record.folder import PARTS
 from skyrange.record.merge import gather
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.runtime.live.addresses import Crossing, check_free, crossings
+from skyrange.runtime.live.addresses import LOOPBACK, Crossing, check_free, crossings
 from skyrange.runtime.live.control import Desk, Message
 from skyrange.runtime.live.node import Orders
-from skyrange.runtime.live.plan import Group, Plan, plan
+from skyrange.runtime.live.plan import WORLD, Group, Plan, plan
+from skyrange.runtime.live.viewing import Watched, watched
 from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, wire
@@ -66,6 +68,8 @@ class Range:
     recorder: Recorder
     """Of the whole; it is told everything at the end."""
     on_death: Literal["stop", "continue"] = "stop"
+    watched: Watched = ()
+    """Aircraft that viewers see, and where."""
     members: dict[str, Member] = field(default_factory=dict)
     zero_ns: int = 0
     took_s: float = 0.0
@@ -98,9 +102,11 @@ def prepare(
     outside: tuple[str, ...] = (),
     port_offset: int = 0,
     on_death: Literal["stop", "continue"] = "stop",
+    viewer_port: int | None = None,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
+    With a `viewer_port` ground stations can watch there, as `runtime.viewers` has it; no offset moves that.
     Raises `InputError` with all that is wrong, before anything is written.
     """
     rig = wire(scenario)
@@ -109,7 +115,9 @@ def prepare(
     places = crossings(links, planned.crossing(links), port_offset)
     check_free([one for one in places if planned.home(one.listener)])
     _check_attacks(rig)
-    return Range(rig, planned, places, open_record(rig, out), on_death)
+    fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
+    seen = watched(fleet, viewer_port) if viewer_port is not None else ()
+    return Range(rig, planned, places, open_record(rig, out), on_death, seen)
 
 
 def _check_attacks(rig: Rig) -> None:
@@ -199,6 +207,7 @@ def _start(flown: Range, desk: Desk) -> None:
             part=str((parts / label).absolute()),
             control=desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
+            watched=flown.watched if node.name == WORLD else (),
         )
         (own / "orders.json").write_text(orders.to_json())
         member = flown.members[node.name] = Member(node.name)
@@ -288,6 +297,7 @@ def _merge(flown: Range, status: str, failure: ComponentError | None) -> None:
             "nodes": {node.name: sorted(node.endpoints) for node in flown.plan.nodes},
             "outside": sorted(flown.plan.outside),
             "links": {one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in flown.crossings},
+            "viewers": {vehicle: f"tcp://{LOOPBACK}:{port}" for vehicle, port in flown.watched},
             "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
             "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
             "ended": {member.name: member.ended for member in flown.members.values() if member.ended},
