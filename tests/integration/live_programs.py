@@ -107,9 +107,20 @@ class Flight:
 
     def kill(self, node: str) -> None:
         """Kill one of its processes."""
+        os.kill(self._process(node), signal.SIGKILL)
+
+    def udp_port(self, node: str) -> int:
+        """The UDP port of a process that has one, as an attacker finds it who sees its datagrams (proc_pid_net(5))."""
+        process = Path(f"/proc/{self._process(node)}")
+        own = {os.readlink(link) for link in (process / "fd").iterdir() if link.is_symlink()}
+        rows = [row.split() for row in (process / "net" / "udp").read_text().splitlines()[1:]]
+        (port,) = [int(row[1].rpartition(":")[2], 16) for row in rows if f"socket:[{row[9]}]" in own]
+        return port
+
+    def _process(self, node: str) -> int:
         orders = str(self.folder / "run" / ".parts" / f"{node}.program" / "orders.json").encode()
         (found,) = [entry for entry in Path("/proc").iterdir() if entry.name.isdigit() and orders in _command_of(entry)]
-        os.kill(int(found.name), signal.SIGKILL)
+        return int(found.name)
 
     def landed(self) -> tuple[dict[str, Any], RunRecord]:
         """Its summary and its record, at its end."""
