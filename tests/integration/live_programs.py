@@ -82,9 +82,9 @@ class Flight:
     def __init__(self, folder: Path, scenario: str, offset: int, *options: str) -> None:
         (folder / "live.toml").write_text(scenario)
         self.folder, self.offset = folder, offset
+        where = ("--out", folder / "run", "--port-offset", offset)
         self.program = subprocess.Popen(
-            [sys.executable, "-c", MAIN, "live", str(folder / "live.toml"), "--out", str(folder / "run"),
-             "--port-offset", str(offset), "--json", *options],
+            skyrange("live", folder / "live.toml", *where, "--json", *options),
             stdout=subprocess.PIPE, stderr=(folder / "said.txt").open("w"), text=True,
         )  # fmt: skip
 
@@ -151,6 +151,11 @@ def live(folder: Path, scenario: str, offset: int, *options: str) -> Iterator[Fl
                 flight.program.kill()
 
 
+def skyrange(*arguments: object) -> list[str]:
+    """The command line's program."""
+    return [sys.executable, "-c", MAIN, *map(str, arguments)]
+
+
 def client(python: str, script: str, *arguments: object, within_s: float = 150.0) -> subprocess.CompletedProcess[str]:
     """Run a program of `clients` to its end."""
     return subprocess.run(
@@ -164,7 +169,7 @@ def beside(command: Sequence[str], folder: Path, within_s: float = 150.0) -> Ite
     """A program that runs beside the range, with its console in our hands."""
     program = subprocess.Popen(
         list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder,
-        env={**clean(), "HOME": str(folder)},
+        env={**(os.environ if MAIN in command else clean()), "HOME": str(folder), "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
     ends = Timer(within_s, program.kill)
     ends.start()

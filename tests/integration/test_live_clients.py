@@ -19,7 +19,6 @@ from tests.integration.live_programs import (
     CLIENTS,
     LAT,
     LON,
-    MAIN,
     MAVPROXY,
     ONE_AIRCRAFT,
     TSHARK,
@@ -31,6 +30,7 @@ from tests.integration.live_programs import (
     mavsdk_python,
     needs_mavproxy,
     needs_tshark,
+    skyrange,
     until,
 )
 
@@ -191,8 +191,7 @@ def test_tshark_reads_what_is_on_the_wire_and_what_was_exported(tmp_path: Path) 
             assert found >= 0
             stream = stream[found + 2 * len(frame.payload) :]
 
-    export = [sys.executable, "-c", MAIN, "export", str(record.path)]
-    subprocess.run(export, capture_output=True, check=True, timeout=60)
+    subprocess.run(skyrange("export", record.path), capture_output=True, check=True, timeout=60)
     told = [row["udp.payload"] for row in read(record.path / "mavlink.pcapng", "udp", "udp.payload")]
     assert Counter(told) == Counter(frame.payload.hex() for frame in frames if frame.arrived_ns is not None)
     ups = [frame for frame in record.frames_with_payloads() if frame.link == "rid_up:blue/b1"]

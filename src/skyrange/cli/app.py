@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrange.cli import commands, live, parity
+from skyrange.cli import tap as tapping
 
 app = typer.Typer(
     name="skyrange",
@@ -208,6 +209,39 @@ def live_(
         scenario, out, seed, buildings, changes or [], how, external or [], port_offset, on_death.value,
         qgc, viewer_port, as_json,
     )  # fmt: skip
+
+
+class Fail(StrEnum):
+    """What becomes of a frame that an external tap's program does not judge."""
+
+    OPEN = "open"
+    CLOSED = "closed"
+
+
+@app.command(epilog="Example: skyrange tap gcs:blue/b1 --listen 127.0.0.1:7000 --run runs/squares")
+def tap(
+    link: Annotated[str, typer.Argument(metavar="LINK", help="A link of a live range, such as gcs:blue/b1.")],
+    listen: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where a program of yours calls, on the loopback; port 0 takes any.")
+    ],
+    run: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="The range's run folder. Default: the newest live one under runs."),
+    ] = None,
+    hold_ms: Annotated[
+        float, typer.Option(metavar="MS", min=1, max=60_000, help="How long a frame waits for its answer.")
+    ] = 200.0,
+    fail: Annotated[
+        Fail, typer.Option(metavar="HOW", help="A frame without an answer passes (open) or is dropped (closed).")
+    ] = Fail.OPEN,
+    name: Annotated[str, typer.Option(metavar="NAME", help="What labels call it.")] = "tap-process",
+    wait_s: Annotated[
+        float, typer.Option("--wait", metavar="S", min=0, max=3600, help="How long to wait for the range to be there.")
+    ] = 60.0,
+    as_json: AsJson = False,
+) -> None:
+    """Put a program of yours, in any language, on a link of a live range: it sees, alters, drops, delays, injects."""
+    tapping.tap(link, listen, run, hold_ms, fail.value, name, wait_s, as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")
