@@ -19,8 +19,8 @@ from skyrange.agent.verdicts import Label
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.tap import loopback, node_of
-from skyrange.runtime.live.tap_door import DOOR, Taps, line, short
+from skyrange.runtime.live.tap import Tapping, loopback, node_of
+from skyrange.runtime.live.tap_door import DOOR, LINE_BYTES, Taps, line, short
 from skyrange.runtime.live.tapping import MOST_HELD, OutsideTap, Terms
 
 LINK = LinkSpec("gcs:blue/b1", "blue.gcs", "blue/b1.companion")
@@ -332,6 +332,48 @@ def test_the_door_is_found_by_the_runs_folder(tmp_path: Path) -> None:
         node_of(run, "rid_up:green/g7")
     (station / "orders.json").write_text('{"endpo')
     assert node_of(run, LINK.name) is None  # it is being written
+
+
+async def called(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    return await asyncio.open_connection("127.0.0.1", port, limit=1 << 20)
+
+
+def test_programs_come_one_at_a_time_and_may_talk_nonsense(tmp_path: Path) -> None:
+    async def talk() -> tuple[Record, Tapping]:
+        door = Door(node(tmp_path, "blue.gcs", LINK.a, LINK.a, door=False))
+        await door.open()
+        told: list[str] = []
+        tapping = Tapping(Terms(link=LINK.name, fail="closed"), ("127.0.0.1", 0), tmp_path)
+        serving = asyncio.create_task(tapping.run_until_the_end(told.append))
+        await until(lambda: told)
+        port = int(told[0].rpartition(":")[2])
+        reader, writer = await called(port)
+        assert json.loads(await reader.readline())["tap"] == "tap-process@gcs:blue/b1.gcs"
+        second, other = await called(port)
+        assert "already" in json.loads(await second.readline())["error"]
+        other.close()
+        writer.write(bytes(range(9)) + b"\n" + b"[" * 5000 + b"\n")
+        assert "error" in json.loads(await reader.readline())
+        assert "error" in json.loads(await reader.readline())
+        writer.write(b"x" * (LINE_BYTES + 100))  # a line without an end: it is hung up on
+        assert await reader.read() == b""
+        await until(lambda: door.record.notes[-1].data["what"] == "went")
+        reader, writer = await called(port)  # another comes
+        await reader.readline()
+        await until(lambda: door.record.notes[-1].data["what"] == "came")
+        door.taps.take(S, frame(0), outgoing=True)
+        asked = json.loads(await reader.readline())
+        writer.write(said(id=asked["id"], do="drop"))  # the last words of one that dies need no end of line
+        writer.close()
+        await until(lambda: door.record.labels)
+        door.taps.close(2 * S)
+        async with asyncio.timeout(2.0):
+            await serving
+        return door.record, tapping
+
+    record, tapping = asyncio.run(talk())
+    assert [label.action for label in record.labels] == ["drop"]
+    assert (tapping.counts["handed"], tapping.counts["dropped"], tapping.counts["strange"]) == (1, 1, 2)
 
 
 def test_a_range_that_has_ended_is_named(tmp_path: Path) -> None:

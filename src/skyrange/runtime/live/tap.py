@@ -44,9 +44,10 @@ class Tapping:
 
     def serve(self, say: Said) -> None:
         """Until the range ends. `InputError` for a link that is not there or an address that cannot be had."""
-        asyncio.run(self._serve(say))
+        asyncio.run(self.run_until_the_end(say))
 
-    async def _serve(self, say: Said) -> None:
+    async def run_until_the_end(self, say: Said) -> None:
+        """The same within an event loop."""
         reader, door = await self._enter()
         try:
             server = await asyncio.start_server(lambda r, w: self._meet(r, w, door), *self.listen, limit=LINE_BYTES)
