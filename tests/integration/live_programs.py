@@ -99,8 +99,7 @@ class Flight:
 
         def rows() -> bool:
             assert self.program.poll() is None, self.said
-            spool = part / ".spool"
-            return spool.exists() and load(part).rows("frames") > 0
+            return (part / "manifest.json").exists() and load(part).rows("frames") > 0
 
         until(rows, 150.0, f"{node} to fly")
         return part
