@@ -8,12 +8,14 @@ import time
 from pathlib import Path
 
 import pytest
+import zmq
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.core.errors import ComponentError
 from skyrange.record import Recorder, load
 from skyrange.runtime.live.addresses import Crossing, crossings
 from skyrange.runtime.live.node import Node, Orders
+from skyrange.runtime.live.passes import issue
 from skyrange.runtime.live.plan import plan
 from skyrange.scenario.load import build
 from skyrange.scenario.wire import Rig, wire
@@ -38,11 +40,12 @@ def station(folder: Path) -> tuple[Node, Rig, Recorder, Crossing]:
     links = wire(scenario).wiring.links
     made = plan(links, "component")
     port = free_port(socket.SOCK_DGRAM)
-    place = next(one for one in crossings(links, made.crossing(links)) if one.link.name == "gcs:blue/b1")
+    place = next(one for one in crossings(links, made) if one.link.name == "gcs:blue/b1")
     place = Crossing(place.link, place.transport, place.listener, ("127.0.0.1", port))
     rig = wire(scenario, local=frozenset({"blue.gcs"}))
     recorder = Recorder.open(folder, rig.header | {"node": {"name": "blue.gcs", "endpoints": ["blue.gcs"]}})
-    orders = Orders("blue.gcs", ("blue.gcs",), "", str(folder), "", (place,))
+    passes = issue(zmq.curve_keypair()[0])
+    orders = Orders("blue.gcs", ("blue.gcs",), "", "127.0.0.1", ("127.0.0.1", 1), (place,), passes)
     return Node(orders, rig, recorder), rig, recorder, place
 
 

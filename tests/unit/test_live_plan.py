@@ -1,21 +1,17 @@
-"""Who runs what at which address in a live range, and what nodes and supervisor say to each other."""
+"""Who runs what at which address in a live range, on one machine and on several."""
 
 from __future__ import annotations
 
-import asyncio
 import socket
 from collections.abc import Iterator
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from skyrange.agent.links import LinkSpec
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.addresses import KINDS, check_free, crossings
-from skyrange.runtime.live.control import MOST_BYTES, Desk, Phone, packed, unpacked
-from skyrange.runtime.live.node import Orders
-from skyrange.runtime.live.plan import WORLD, plan, usual_group
+from skyrange.runtime.live.plan import LOOPBACK, WORLD, plan, usual_group
+from skyrange.runtime.live.range import prepare
 from skyrange.scenario.catalogue import load
 from skyrange.scenario.wire import wire
 
@@ -39,10 +35,10 @@ def test_each_component_is_a_process_and_the_world_is_one(links: list[LinkSpec])
 
 
 def test_fewer_processes_have_fewer_sockets_at_the_same_ports(links: list[LinkSpec]) -> None:
-    alone = {one.link.name: one for one in crossings(links, plan(links, "component").crossing(links))}
+    alone = {one.link.name: one for one in crossings(links, plan(links, "component"))}
     by_operator = plan(links, "operator")
     assert [node.name for node in by_operator.nodes] == [WORLD, "approval", "green", "red"]
-    shared = {one.link.name: one for one in crossings(links, by_operator.crossing(links))}
+    shared = {one.link.name: one for one in crossings(links, by_operator)}
     assert shared.keys() < alone.keys()
     assert all(alone[name] == one for name, one in shared.items())
     assert list(plan(links, "one").crossing(links)) == []
@@ -51,14 +47,14 @@ def test_fewer_processes_have_fewer_sockets_at_the_same_ports(links: list[LinkSp
 
 def test_ports_are_the_published_ones_ten_apart_and_can_be_moved(links: list[LinkSpec]) -> None:
     made = plan(links, "component")
-    ports = {one.link.name: one.address[1] for one in crossings(links, made.crossing(links))}
+    ports = {one.link.name: one.address[1] for one in crossings(links, made)}
     assert (ports["gcs:green/g1"], ports["gcs:red/r1"]) == (14555, 14565)
     assert (ports["log:green/g1"], ports["autopilot:red/r1"]) == (14551, 5770)
     assert (ports["rid_data:red/r1"], ports["rid_up:green/g1"], ports["rid_down:green/g1"]) == (14568, 14556, 14557)
-    moved = {one.link.name: one.address[1] for one in crossings(links, made.crossing(links), 1000)}
+    moved = {one.link.name: one.address[1] for one in crossings(links, made, 1000)}
     assert moved == {name: port + 1000 for name, port in ports.items()}
     with pytest.raises(InputError, match=r"gcs:green/g1: port 69555"):
-        crossings(links, made.crossing(links), 55_000)
+        crossings(links, made, 55_000)
 
 
 def test_a_component_may_be_left_to_somebody_else(links: list[LinkSpec]) -> None:
@@ -81,8 +77,8 @@ def taken() -> Iterator[tuple[int, int]]:
 
 def test_addresses_in_use_are_named_all_at_once(links: list[LinkSpec], taken: tuple[int, int]) -> None:
     made = plan(links, "component")
-    tcp = crossings(links, made.crossing(links), taken[0] - KINDS["log"].port)
-    udp = crossings(links, made.crossing(links), taken[1] - KINDS["gcs"].port)
+    tcp = crossings(links, made, taken[0] - KINDS["log"].port)
+    udp = crossings(links, made, taken[1] - KINDS["gcs"].port)
     one = [each for each in tcp if each.link.name == "log:green/g1"]
     other = [each for each in udp if each.link.name == "gcs:green/g1"]
     with pytest.raises(InputError) as caught:
@@ -91,43 +87,49 @@ def test_addresses_in_use_are_named_all_at_once(links: list[LinkSpec], taken: tu
     assert all("--port-offset" in fault.hint for fault in caught.value.faults)
 
 
-def test_orders_survive_their_file(links: list[LinkSpec]) -> None:
-    places = crossings(links, plan(links, "component").crossing(links))
-    orders = Orders("world", ("oracle",), "s.toml", "parts/world", "tcp://127.0.0.1:1", tuple(places))
-    assert Orders.from_json(orders.to_json()) == orders
+HOSTS = {"world": "10.9.0.1", "green.gcs": "10.9.0.2", "red/*": "10.9.0.3", "red/r1.companion": "10.9.0.2"}
 
 
-@given(st.binary(max_size=200))
-def test_control_survives_any_bytes(data: bytes) -> None:
-    said = unpacked(data)
-    assert said is None or isinstance(said["kind"], str)
+def test_components_are_where_the_hosts_say_the_last_one_that_fits(links: list[LinkSpec]) -> None:
+    made = plan(links, "component", [], HOSTS)
+    homes = {node.name: node.host for node in made.nodes}
+    assert homes == {
+        "world": "10.9.0.1", "approval": "10.9.0.1", "red.gcs": "10.9.0.1",
+        "green/g1.companion": "10.9.0.1", "green/g1.proxy": "10.9.0.1",
+        "green.gcs": "10.9.0.2", "red/r1.companion": "10.9.0.2", "red/r1.proxy": "10.9.0.3",
+    }  # fmt: skip
+    assert (made.base, made.others) == ("10.9.0.1", ("10.9.0.2", "10.9.0.3"))
 
 
-def test_control_takes_objects_of_a_kind_and_nothing_else() -> None:
-    assert unpacked(packed("status", now_ns=5)) == {"kind": "status", "now_ns": 5}
-    for wrong in (b"[]", b'{"kind": 3}', b"{}", b"nonsense", b"[" * 5000, packed("x", y="z" * MOST_BYTES)):
-        assert unpacked(wrong) is None
+def test_links_leave_the_loopback_only_between_machines(links: list[LinkSpec]) -> None:
+    made = plan(links, "component", [], HOSTS)
+    at = {one.link.name: one.address for one in crossings(links, made)}
+    assert at["gcs:green/g1"] == ("10.9.0.2", 14555)  # the ground station listens, and the aircraft is elsewhere
+    assert at["gcs:red/r1"] == ("10.9.0.1", 14565)
+    assert at["log:red/r1"] == ("10.9.0.3", 14561)
+    assert at["autopilot:red/r1"] == ("10.9.0.1", 5770)
+    assert at["rid_up:red/r1"] == ("10.9.0.1", 14566)
+    assert at["approval:green"] == ("10.9.0.1", 18080)
+    assert {at[name][0] for name in ("log:green/g1", "autopilot:green/g1", "approval:red")} == {LOOPBACK}
 
 
-def test_supervisor_and_node_hear_each_other() -> None:
-    async def talk() -> tuple[str, object, object, int]:
-        desk = Desk()
-        desk.open()
-        phone = Phone("blue.gcs", desk.address)
-        phone.open()
-        try:
-            await phone._socket.send(b"no message")
-            await phone.tell("hello")
-            name, said = await desk.hear()
-            await desk.tell("nobody", "stop")
-            await desk.tell(name, "start", zero_ns=7)
-            return name, said, await phone.hear(), desk.strange
-        finally:
-            phone.close()
-            desk.close()
+def test_no_process_is_on_two_machines(links: list[LinkSpec]) -> None:
+    assert {node.name: node.host for node in plan(links, "host", [], HOSTS).nodes} == {
+        "world": "10.9.0.1", "10.9.0.2": "10.9.0.2", "10.9.0.3": "10.9.0.3",
+    }  # fmt: skip
+    assert [node.name for node in plan(links, "operator", [], HOSTS).nodes] == [
+        "world", "approval", "green@10.9.0.2", "green", "red", "red@10.9.0.2", "red@10.9.0.3",
+    ]  # fmt: skip
+    with pytest.raises(InputError, match=r"--group host"):
+        plan(links, "one", [], HOSTS)
 
-    async def within() -> tuple[str, object, object, int]:
-        async with asyncio.timeout(5.0):
-            return await talk()
 
-    assert asyncio.run(within()) == ("blue.gcs", {"kind": "hello"}, {"kind": "start", "zero_ns": 7}, 1)
+def test_hosts_that_make_no_sense_are_named(links: list[LinkSpec]) -> None:
+    with pytest.raises(InputError) as caught:
+        plan(links, "component", [], {"green.gsc": "10.9.0.2", "red.gcs": "10.9.0.2"})
+    assert [fault.where for fault in caught.value.faults] == ["hosts", "hosts.world"]
+    assert "'green.gcs'" in caught.value.faults[0].hint
+    with pytest.raises(InputError, match=r"hosts\.red\.gcs.*an IP address"):
+        load("rid-spoofing", ["hosts={'red.gcs' = 'lab2'}"])
+    with pytest.raises(InputError, match="skyrange keys"):
+        prepare(load("rid-spoofing", ["hosts={world = '127.0.0.2', 'red.gcs' = '127.0.0.3'}"]))

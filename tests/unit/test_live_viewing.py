@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.agent.frames import Fate, Frame
 from skyrange.core.errors import InputError
-from skyrange.runtime.live.supervisor import prepare
+from skyrange.runtime.live.range import prepare
 from skyrange.runtime.live.viewing import Viewing, watched
 from skyrange.scenario.catalogue import load
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import commands, live, parity
+from skyrange.cli import commands, live, live_viewing, parity
 from skyrange.cli import tap as tapping
 
 app = typer.Typer(
@@ -149,6 +149,7 @@ class Grouping(StrEnum):
 
     COMPONENT = "component"
     OPERATOR = "operator"
+    HOST = "host"
     ONE = "one"
 
 
@@ -170,7 +171,8 @@ def live_(
         Grouping | None,
         typer.Option(
             metavar="HOW",
-            help="Which components share a process: component, none do; operator, those of an operator; one, all do. "
+            help="Which components share a process: component, none do; operator, those of an operator; host, those "
+            "on a machine; one, all do. "
             "Default: component while there are at most eight for each core, then operator.",
         ),
     ] = None,
@@ -201,14 +203,69 @@ def live_(
             "Default: 5763 and the offset.",
         ),
     ] = None,
+    keys: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="The range's keys, as `skyrange keys` makes them, for hosts that join. No default."
+        ),
+    ] = None,
+    netns: Annotated[
+        bool,
+        typer.Option(
+            "--netns",
+            help="Give every ground station and every aircraft a network namespace of its own, for tools that work on "
+            "packets (tc, Scapy). Linux, and needs root.",
+        ),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario in real time, every component a process of its own on real sockets."""
-    how = group.value if group is not None else None
-    live.live(
-        scenario, out, seed, buildings, changes or [], how, external or [], port_offset, on_death.value,
-        qgc, viewer_port, as_json,
-    )  # fmt: skip
+    options = {
+        "group": group.value if group is not None else None,
+        "on_death": on_death.value,
+        "netns": netns,
+        "viewer_port": live_viewing.first_port(qgc, viewer_port, port_offset),
+    }
+    live.live(scenario, out, seed, buildings, changes or [], external or [], port_offset, keys, options, as_json)
+
+
+@app.command(epilog="Example: skyrange node --join 10.0.0.1 --key lab2.key_secret")
+def node(
+    range_: Annotated[
+        str,
+        typer.Option(
+            "--join",
+            metavar="ADDRESS",
+            help="Where the range is started: its IP address, with :PORT if ports were moved (else 14500).",
+        ),
+    ],
+    key: Annotated[Path, typer.Option(metavar="FILE", help="This machine's secret key, which `skyrange keys` made.")],
+    address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="At which IP address the others reach this machine, as hosts in the scenario has it. Default: the one "
+            "from which it reaches the range.",
+        ),
+    ] = None,
+    wait: Annotated[
+        float, typer.Option(metavar="SECONDS", min=1, max=86_400, help="How long to wait for the range to be started.")
+    ] = 60.0,
+) -> None:
+    """Offer this machine to a live range: it runs there what the scenario's hosts say, until the range ends."""
+    live.node(range_, key, address, wait)
+
+
+@app.command(epilog="Example: skyrange keys lab-keys lab2 lab3")
+def keys(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder for the range's keys.")],
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="A machine that shall be able to join. May be repeated."),
+    ] = None,
+) -> None:
+    """Make the keys with which other machines join a live range."""
+    live.keys(folder, names or [])
 
 
 class Fail(StrEnum):

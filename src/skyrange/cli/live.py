@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.commands import print_json, print_summary, tell_if_cold
-from skyrange.cli.live_viewing import first_port, invite, see_off
+from skyrange.cli.live_viewing import invite, see_off
+from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from skyrange.runtime.live.supervisor import OnLook, Range
+    from skyrange.runtime.live.addresses import Crossing
+    from skyrange.runtime.live.range import OnLook, Range
 
 MOST_ROWS = 40
 
@@ -26,26 +29,26 @@ def live(
     seed: int | None,
     buildings: Path | None,
     changes: Sequence[str],
-    group: str | None,
     outside: Sequence[str],
     port_offset: int,
-    on_death: str,
-    qgc: bool,
-    viewer_port: int | None,
+    keys: Path | None,
+    options: Mapping[str, Any],
     as_json: bool,
 ) -> None:
-    """`skyrange live`."""
+    """`skyrange live`; `options` go to `prepare` as they are."""
     from skyrange.core.errors import ComponentError, ShortfallError
+    from skyrange.io.curve_keys import load_range
     from skyrange.record import load as load_run
-    from skyrange.runtime.live.supervisor import fly, prepare
+    from skyrange.runtime.live.range import prepare
+    from skyrange.runtime.live.supervisor import fly
     from skyrange.scenario.catalogue import load
     from skyrange.study.report import write_report
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     tell_if_cold(quiet=as_json)
-    options: Any = {"group": group, "on_death": on_death, "viewer_port": first_port(qgc, viewer_port, port_offset)}
-    flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, **options)
+    own = load_range(keys) if keys is not None else None
+    flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
     invite(flown)
     failure: ShortfallError | ComponentError | None = None
     with _shown(flown, quiet=as_json) as on_look:
@@ -70,6 +73,39 @@ def live(
         raise failure
 
 
+def node(remote: str, key: Path, address: str | None, wait_s: float) -> None:
+    """`skyrange node`."""
+    from skyrange.io.curve_keys import load_member
+    from skyrange.runtime.live.host import join
+    from skyrange.runtime.live.range import CONTROL_PORT
+
+    own = None if address is None else _host("--address", address)
+    host, separator, port = remote.rpartition(":") if remote.count(":") == 1 or "]:" in remote else (remote, "", "")
+    if separator and not (port.isdigit() and 0 < int(port) < 65_536):
+        raise InputError.one("node", "--join", remote, "ADDRESS or ADDRESS:PORT")
+    at = (_host("--join", host.strip("[]")), int(port) if separator else CONTROL_PORT)
+    join(at, load_member(key), own, wait_s=wait_s, on_word=lambda word: print(word, file=sys.stderr, flush=True))
+
+
+def _host(option: str, text: str) -> str:
+    try:
+        return str(ip_address(text))
+    except ValueError:
+        raise InputError.one("node", option, text, "an IP address") from None
+
+
+def keys(folder: Path, names: Sequence[str]) -> None:
+    """`skyrange keys`."""
+    from skyrange.io.curve_keys import RANGE, make_range_keys
+
+    made = make_range_keys(folder, names)
+    if not made:
+        print(f"{folder} has a range's keys already; name the machines that shall join", file=sys.stderr)
+    for path in made:
+        goes = "stays here" if path.stem == RANGE else "goes to that machine, and to nobody else"
+        print(f"{path}  {goes}")
+
+
 @contextmanager
 def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
     """On a terminal the table, elsewhere a line when all fly and every ten seconds."""
@@ -82,12 +118,15 @@ def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
         with Live(_table(flown), console=Console(stderr=True), refresh_per_second=4) as shown:
             yield lambda now: shown.update(_table(now))
     else:
-        said = -2
+        said, waited = -2, list[bool]()
 
         def tell(now: Range) -> None:
             nonlocal said
+            if now.waits_for and not waited:
+                waited.append(True)
+                print(_waiting(now), file=sys.stderr, flush=True)
             tens = int(now.now_s // 10) if now.zero_ns else -1
-            if tens > said:
+            if tens > said and now.members:
                 said = tens
                 states = [member.state for member in now.members.values()]
                 counted = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
@@ -95,6 +134,18 @@ def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
                 print(f"{now.rig.scenario.name}: {at}; {counted}", file=sys.stderr, flush=True)
 
         yield tell
+
+
+def _place(crossing: Crossing) -> str:
+    from skyrange.io.ends import is_loopback
+
+    host, port = crossing.address
+    return f"{crossing.transport} {port}" if is_loopback(host) else f"{crossing.transport} {host}:{port}"
+
+
+def _waiting(flown: Range) -> str:
+    where = f"{flown.plan.base}:{flown.control_port}"
+    return f"waiting for {', '.join(flown.waits_for)}: run `skyrange node --join {where} --key FILE` there"
 
 
 def _table(flown: Range) -> Table:
@@ -111,7 +162,7 @@ def _table(flown: Range) -> Table:
     homes = {node.name: node.endpoints for node in flown.plan.nodes}
     for name, member in list(flown.members.items())[:MOST_ROWS]:
         own = [one for one in flown.crossings if one.listener in homes[name]]
-        places = ", ".join(f"{one.transport} {one.address[1]}" for one in own[:4]) + (" …" if len(own) > 4 else "")
+        places = ", ".join(_place(one) for one in own[:4]) + (" …" if len(own) > 4 else "")
         status = member.status
         table.add_row(
             name,
@@ -122,11 +173,14 @@ def _table(flown: Range) -> Table:
             f"{status.get('lag_ns', 0) / NS_PER_MS:.0f} ms",
             f"{status.get('cpu_s', 0.0) / seconds:.0%}",
         )
+    for address in flown.waits_for:
+        table.add_row(f"at {address}", "", "awaited", "", "", "", "")
     for name in sorted(flown.plan.outside):
         own = [one for one in flown.crossings if one.listener.startswith(name)]
-        table.add_row(
-            name, ", ".join(f"{one.transport} {one.address[1]}" for one in own[:4]), "outside", "", "", "", ""
-        )
+        table.add_row(name, ", ".join(_place(one) for one in own[:4]), "outside", "", "", "", "")
     late = max((to_seconds(int(member.status.get("late_ns", 0))) for member in flown.members.values()), default=0.0)
+    if flown.waits_for:
+        table.caption = _waiting(flown)
+        return table
     table.caption = f"at most {late:.2f} s behind real time" if late > 0.1 else None
     return table

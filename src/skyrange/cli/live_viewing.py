@@ -9,7 +9,7 @@ from skyrange.cli.viewing import farewell, invitation, warning
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
-    from skyrange.runtime.live.supervisor import Range
+    from skyrange.runtime.live.range import Range
 
 
 def first_port(qgc: bool, viewer_port: int | None, port_offset: int) -> int | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +24,10 @@ PUBLIC_SUFFIX = ".key"
 SECRET_SUFFIX = ".key_secret"  # noqa: S105 (the end of a name)
 MOST_BYTES = 65_536
 """A certificate takes about 400."""
+RANGE = "range"
+"""The name of the pair of who starts a range, in the folder that holds all of its keys."""
+_RANGE_KEY = b"range-key"
+"""In the secret file of a machine that joins: the public key of the range."""
 _WHO = "keys"
 _KEY = re.compile(rb"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
 """32 bytes in Z85."""
@@ -59,8 +63,8 @@ class Keys:
         return cls(mine.public, mine.secret, frozenset(load_keys(peer).public for peer in peers))
 
 
-def make_keys(folder: Path, name: str) -> tuple[Path, Path]:
-    """Make a key pair; returns `folder/NAME.key` and `folder/NAME.key_secret`, both 0600.
+def make_keys(folder: Path, name: str, told: Mapping[str, str] | None = None) -> tuple[Path, Path]:
+    """Make a key pair; returns `folder/NAME.key` and `folder/NAME.key_secret`, both 0600, with `told` in them.
 
     Makes the folder (0700) where there is none. `InputError` if either file is there already, since
     whoever trusts the old key would be locked out, or cannot be written.
@@ -75,7 +79,7 @@ def make_keys(folder: Path, name: str) -> tuple[Path, Path]:
             # made beforehand: what is opened for writing later keeps these permissions, and was never open to others
             os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
             made.append(path)
-        zmq.auth.create_certificates(folder, name)
+        zmq.auth.create_certificates(folder, name, dict(told or {}))
     except OSError as error:
         for path in made:
             path.unlink()
@@ -85,6 +89,43 @@ def make_keys(folder: Path, name: str) -> tuple[Path, Path]:
         reason = (error.strerror or str(error)).lower()
         raise InputError.one(_WHO, str(folder), reason, "a folder that can be written to") from error
     return paths
+
+
+def make_range_keys(folder: Path, names: Iterable[str]) -> list[Path]:
+    """Make a range's pair in `folder`, unless it is there, and one for each machine that shall join; the secret files.
+
+    The file `NAME.key_secret` goes to that machine: it knows the range's public key, and the range knows it by
+    `NAME.key`, until that is deleted. `InputError` as `make_keys`.
+    """
+    own = folder / (RANGE + SECRET_SUFFIX)
+    made = [] if own.exists() else [make_keys(folder, RANGE)[1]]
+    public = load_keys(own).public.decode()
+    for name in names:
+        if name == RANGE:
+            raise InputError.one(_WHO, "name", name, "another name: that one is the range's own")
+        made.append(make_keys(folder, name, {_RANGE_KEY.decode(): public})[1])
+    return made
+
+
+def load_range(folder: Path) -> Keys:
+    """The range's own keys in `folder`, and those of all machines that may join."""
+    own = folder / (RANGE + SECRET_SUFFIX)
+    if not own.is_file():
+        hint = f"`skyrange keys {folder} NAME` makes it."
+        raise InputError.one(_WHO, str(folder), f"no {own.name}", "a folder of a range's keys", hint)
+    others = [path for path in sorted(folder.glob(f"*{PUBLIC_SUFFIX}")) if path.stem != RANGE]
+    return Keys.load(own, others)
+
+
+def load_member(path: Path) -> Keys:
+    """The keys of a machine that joins: its own, and the range's public one."""
+    mine = load_keys(path)
+    theirs = _entry(path, path.read_bytes()[:MOST_BYTES], _RANGE_KEY)
+    if mine.secret is None or theirs is None:
+        what = "only a public key" if mine.secret is None else "no key of a range"
+        hint = f"`skyrange keys FOLDER NAME` makes NAME{SECRET_SUFFIX}."
+        raise InputError.one(_WHO, str(path), what, "the secret key file of a machine that joins", hint)
+    return Keys(mine.public, mine.secret, frozenset({theirs}))
 
 
 def load_keys(path: Path) -> KeyFile:

@@ -29,7 +29,7 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
             _rename(vehicle["plan"], "file", files or {})
             if not vehicle["params"]:
                 del vehicle["params"]
-    for key in ("links", "attacks"):
+    for key in ("links", "attacks", "hosts"):
         if not data[key]:
             del data[key]
     _rename(data.get("city", {}), "buildings", files or {})

@@ -19,6 +19,7 @@ from skyrange.scenario.attacks import AttackTable, When, kind_of
 from skyrange.scenario.autopilots import Autopilots
 from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.fleet import Fleet, Start, Vehicle
+from skyrange.scenario.hosts import Hosts
 from skyrange.scenario.links import Link, channel
 from skyrange.scenario.operators import Operator, named
 from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
@@ -215,6 +216,7 @@ class Scenario(Model):
     links: tuple[Link, ...] = Field(
         default=(), description="Changes to links' channels; later ones stand over earlier."
     )
+    hosts: Hosts = Field(default_factory=dict)
     operators: tuple[Operator, ...] = Field(description="Who takes part, one operator or more.")
     attacks: tuple[AttackTable, ...] = Field(default=(), description="What is done to them; default: nothing.")
 

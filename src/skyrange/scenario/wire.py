@@ -34,6 +34,7 @@ from skyrange.scenario.flight import flight_plan
 from skyrange.scenario.medium import air_faults, air_network, lookout_of, on_air
 from skyrange.scenario.placing import placed
 from skyrange.scenario.schema import Scenario
+from skyrange.scenario.signing import keys_of, signing_faults
 from skyrange.scenario.surroundings import build_city
 from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.onboard import links as vehicle_links
@@ -86,7 +87,7 @@ def wire(
     scenario = placed(scenario, city)
     links, all_routes = _network(scenario)
     made = make_attacks(scenario.attacks, setting_of(scenario, links, city))
-    faults = [*check(scenario, city), *made.faults, *air_faults(scenario, made.radios, city)]
+    faults = [*check(scenario, city), *made.faults, *signing_faults(scenario), *air_faults(scenario, made.radios, city)]
     faults += radio_faults(made.radios, city)
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
@@ -112,7 +113,8 @@ def wire(
             for vehicle in operator.vehicles
         ]
         lookout = lookout_of(operator.id, scenario)
-        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams, lookout=lookout))
+        key = keys_of(scenario, operator).station
+        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams, lookout=lookout, key=key))
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
@@ -194,6 +196,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
             heading_deg=start.heading_deg,
             params=dict(vehicle.params),
             wind_enu_mps=scenario.wind.air.steady_enu_mps,
+            signing_key=keys_of(scenario, operator).aircraft,
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
     datum = scenario.origin.datum

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import socket
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
 from skyrange.agent.links import LinkSpec
 from skyrange.core.errors import Fault, InputError
+from skyrange.runtime.live.plan import LOOPBACK, Plan
 
-LOOPBACK: Final = "127.0.0.1"
 STEP: Final = 10
 Transport = Literal["udp", "tcp", "zmq", "http"]
 
@@ -49,10 +50,11 @@ class Crossing:
     address: tuple[str, int]
 
 
-def crossings(links: Sequence[LinkSpec], crossing: Iterable[LinkSpec], offset: int = 0) -> list[Crossing]:
-    """Where each of `crossing` does; `links` are all of the range, so that grouping moves no port.
+def crossings(links: Sequence[LinkSpec], planned: Plan, offset: int = 0) -> list[Crossing]:
+    """Where each of `links` that goes from process to process does so; grouping moves no port.
 
-    The n-th link of a kind has that kind's first port + 10 n + `offset`. `InputError` where a port would be none.
+    The n-th link of a kind has that kind's first port + 10 n + `offset`, on the loopback while both ends are on one
+    machine, else at the listener's address. `InputError` where a port would be none.
     """
     places: dict[str, int] = {}
     numbered: dict[str, int] = {}
@@ -61,20 +63,22 @@ def crossings(links: Sequence[LinkSpec], crossing: Iterable[LinkSpec], offset: i
         places[spec.name] = numbered.get(name, 0)
         numbered[name] = places[spec.name] + 1
     found, faults = [], []
-    for spec in crossing:
+    for spec in planned.crossing(links):
         kind = KINDS[spec.name.partition(":")[0]]
         port = kind.port + STEP * places[spec.name] + offset
         listener = next(end for end in (spec.a, spec.b) if end.rpartition(".")[2] == kind.listens)
         if not 1 <= port <= 65_535:
             faults.append(Fault(spec.name, f"port {port}", "a port from 1 to 65535", "Choose another --port-offset."))
-        found.append(Crossing(spec, kind.transport, listener, (LOOPBACK, port)))
+        hosts = {planned.host(spec.a), planned.host(spec.b)}
+        host = planned.host(listener) if len(hosts) > 1 else LOOPBACK
+        found.append(Crossing(spec, kind.transport, listener, (host, port)))
     if faults:
         raise InputError("live", faults)
     return found
 
 
 def check_free(places: Sequence[Crossing]) -> None:
-    """Raise `InputError` with every address that is in use, or that two links would share."""
+    """Raise `InputError` with every address that is in use, is not this machine's, or two links would share."""
     faults = []
     held: dict[tuple[str, tuple[str, int]], str] = {}
     for one in places:
@@ -86,12 +90,14 @@ def check_free(places: Sequence[Crossing]) -> None:
             faults.append(Fault(where, f"taken by {other}", "an address of its own", hint))
             continue
         kind = socket.SOCK_DGRAM if family == "udp" else socket.SOCK_STREAM
-        with socket.socket(socket.AF_INET, kind) as tried:
+        with socket.socket(socket.AF_INET6 if ":" in one.address[0] else socket.AF_INET, kind) as tried:
             if family == "tcp":
                 tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 tried.bind(one.address)
             except OSError as error:
+                if error.errno == errno.EADDRNOTAVAIL:
+                    hint = "Start the range on the machine that hosts.world names."
                 faults.append(Fault(where, error.strerror or str(error), "an address that is free", hint))
     if faults:
         raise InputError("live", faults)

@@ -10,10 +10,12 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from skyrange.codec.deframe import Piece
+from skyrange.io.ends import is_loopback
 from skyrange.io.http_ends import HttpClientEnd, HttpServerEnd
 from skyrange.io.mavlink_sockets import TcpEnd, UdpEnd, serve_tcp
 from skyrange.io.zmq_sockets import ZmqEnd
 from skyrange.runtime.live.addresses import Crossing
+from skyrange.runtime.live.passes import Passes
 
 OnPayload = Callable[[bytes], None]
 MAX_BYTES: Final = 1 << 20
@@ -35,8 +37,8 @@ class End(Protocol):
         ...
 
 
-async def listening(crossing: Crossing, heard: OnPayload) -> End:
-    """The end that waits at the crossing's address. `OSError` where that is taken."""
+async def listening(crossing: Crossing, heard: OnPayload, host: str, passes: Passes) -> End:
+    """The end that waits at the crossing's address, on the machine `host`. `OSError` where that is taken."""
 
     def piece(one: Piece) -> None:
         heard(one.data)
@@ -46,23 +48,28 @@ async def listening(crossing: Crossing, heard: OnPayload) -> End:
     if crossing.transport == "tcp":
         return await _TcpServer.open(piece, crossing.address)
     if crossing.transport == "zmq":
-        return await ZmqEnd.bind(piece, crossing.address, max_bytes=MAX_BYTES, queue=QUEUE)
-    return await HttpServerEnd.open(piece, crossing.address)
+        keys = None if is_loopback(crossing.address[0]) else passes.links
+        return await ZmqEnd.bind(piece, crossing.address, keys=keys, max_bytes=MAX_BYTES, queue=QUEUE)
+    token = None if is_loopback(crossing.address[0]) else passes.token
+    return await HttpServerEnd.open(piece, crossing.address, token=token)
 
 
-async def calling(crossing: Crossing, heard: OnPayload) -> End:
-    """The end that goes to the crossing's address, now or as soon as somebody is there."""
+async def calling(crossing: Crossing, heard: OnPayload, host: str, passes: Passes) -> End:
+    """The end that goes from `host` to the crossing's address, now or as soon as somebody is there."""
 
     def piece(one: Piece) -> None:
         heard(one.data)
 
     if crossing.transport == "udp":
-        return await UdpEnd.open(piece, remote=crossing.address)
+        own = crossing.address[0] if is_loopback(crossing.address[0]) else host
+        return await UdpEnd.open(piece, (own, 0), remote=crossing.address)
     if crossing.transport == "tcp":
         return _TcpCaller(piece, crossing.address)
     if crossing.transport == "zmq":
-        return await ZmqEnd.connect(piece, crossing.address, max_bytes=MAX_BYTES, queue=QUEUE)
-    return await HttpClientEnd.open(piece, crossing.address)
+        keys = None if is_loopback(crossing.address[0]) else passes.links
+        return await ZmqEnd.connect(piece, crossing.address, keys=keys, max_bytes=MAX_BYTES, queue=QUEUE)
+    token = None if is_loopback(crossing.address[0]) else passes.token
+    return await HttpClientEnd.open(piece, crossing.address, token=token)
 
 
 class _TcpServer:

@@ -1,8 +1,8 @@
 """What does one process of a live range do? A kernel of its own endpoints, paced by the range's clock, on real sockets.
 
-`python -m skyrange.runtime.live.node FILE`, as the supervisor starts it. What a kernel hands out for others is
-written to the link's socket when it would have come out of the link's channel; what a socket hands in arrives when it
-was read. Only payloads cross, so a peer may be any program.
+`python -m skyrange.runtime.live.node RUN/.parts/NAME.program/orders.json`, as `launch` starts it. What a kernel hands
+out for others is written to the link's socket when it would have come out of the link's channel; what a socket hands in
+arrives when it was read. Only payloads cross, so a peer may be any program.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any, Final
@@ -24,6 +25,7 @@ from skyrange.agent.frames import Frame
 from skyrange.agent.links import MIN_LATENCY_NS
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.io.mavlink_sockets import Address
 from skyrange.kernel import Kernel
 from skyrange.kernel.lane import Transit
 from skyrange.record import Recorder
@@ -32,6 +34,7 @@ from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.clock import RangeClock
 from skyrange.runtime.live.control import Phone
 from skyrange.runtime.live.ends import End, calling, listening
+from skyrange.runtime.live.passes import Passes
 from skyrange.runtime.live.tap_door import Taps
 from skyrange.runtime.live.viewing import Viewing, Watched
 from skyrange.runtime.live.warm import warm_up
@@ -51,10 +54,13 @@ class Orders:
 
     name: str
     endpoints: tuple[str, ...]
-    scenario: str
     part: str
-    control: str
+    """The folder of its record within the run's."""
+    host: str
+    """The address of the machine that it runs on."""
+    control: Address
     crossings: tuple[Crossing, ...]
+    passes: Passes
     watched: Watched = ()
     """Aircraft of this node that viewers see, and where."""
 
@@ -130,7 +136,8 @@ class Node:
                 continue
             incoming = f"{spec.name}:{'rev' if spec.a in own else 'fwd'}"
             try:
-                self._ends[spec.name] = await how(crossing, lambda data, lane=incoming: self._heard(lane, data))
+                hear = partial(self._heard, incoming)
+                self._ends[spec.name] = await how(crossing, hear, self._orders.host, self._orders.passes)
             except OSError as error:
                 host, port = crossing.address
                 raise ComponentError(
@@ -158,6 +165,11 @@ class Node:
         """End before the scenario does."""
         self._stopped = self._stopped or why
         self._awake.set()
+
+    def set_clock(self, zero_ns: int) -> None:
+        """The range's time 0 on this machine's clock, known better than before. Time that was reached stays reached."""
+        if self._clock is not None:
+            self._clock.zero_ns = zero_ns
 
     async def fly(self, zero_ns: int) -> str:
         """Until the end, or until it is stopped; how it ended, as a record's status."""
@@ -191,6 +203,7 @@ class Node:
     def _turn(self, now: Time) -> None:
         """Take in what was heard, go on to `now`, and say what is due."""
         kernel = self._kernel
+        now = max(now, kernel.now)  # where the clock was set back
         self.counts.late_ns = max(self.counts.late_ns, now - kernel.due)
         until = min(now, max(kernel.now, min(kernel.due, now)) + SLICE_NS)
         heard, self._waiting = self._waiting, []
@@ -266,18 +279,18 @@ class Node:
         self._kernel.finish()
 
 
-async def serve(orders: Orders) -> int:
-    """Run a node from its first word to the supervisor to its last; the exit code."""
-    phone = Phone(orders.name, orders.control)
+async def serve(orders: Orders, root: Path) -> int:
+    """Run a node from its first word to the supervisor to its last; the exit code. `root` is the run's folder."""
+    phone = Phone(orders.name, orders.control, orders.passes.desk)
     phone.open()
     try:
         await phone.tell("hello")
         try:
-            scenario, here = load_file(orders.scenario), frozenset(orders.endpoints)
+            scenario, here = load_file(root / "scenario.toml"), frozenset(orders.endpoints)
             rig = wire(scenario, local=here)
             await _until(phone, "warm_up")
             warm_up(scenario)
-            return await _serve(orders, phone, rig)
+            return await _serve(orders, phone, rig, root / orders.part)
         except _StoppedError:
             await phone.tell("done", status="interrupted")
             return 0
@@ -289,19 +302,17 @@ async def serve(orders: Orders) -> int:
         phone.close()
 
 
-async def _serve(orders: Orders, phone: Phone, rig: Rig) -> int:
-    told = {"name": orders.name, "endpoints": list(orders.endpoints), "offset_ns": 0}
+async def _serve(orders: Orders, phone: Phone, rig: Rig, part: Path) -> int:
+    told = {"name": orders.name, "host": orders.host, "endpoints": list(orders.endpoints), "offset_ns": 0}
     record = rig.scenario.record
-    recorder = Recorder.open(
-        Path(orders.part), rig.header | {"node": told}, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz
-    )
+    recorder = Recorder.open(part, rig.header | {"node": told}, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
     recorder.listen(rig.oracle)
     node = Node(orders, rig, recorder)
     tasks: list[asyncio.Task[None]] = []
     status, error = "failed", ""
     try:
         await node.bind()
-        await node.admit(Path(f"{orders.part}.program"))
+        await node.admit(Path(f"{part}.program"))
         await phone.tell("bound")
         await _until(phone, "connect")
         await node.connect()
@@ -333,7 +344,7 @@ class _StoppedError(Exception):
 
 async def _until(phone: Phone, kind: str) -> Mapping[str, Any]:
     while True:
-        said = await phone.hear()
+        said, _ = await phone.hear()
         if said["kind"] == kind:
             return said
         if said["kind"] == "stop":
@@ -341,9 +352,13 @@ async def _until(phone: Phone, kind: str) -> Mapping[str, Any]:
 
 
 async def _obey(phone: Phone, node: Node) -> None:
-    while (await phone.hear())["kind"] != "stop":
-        pass
-    node.stop("interrupted")
+    while True:
+        said, _ = await phone.hear()
+        if said["kind"] == "stop":
+            node.stop("interrupted")
+            return
+        if said["kind"] == "clock":
+            node.set_clock(int(said["zero_ns"]))
 
 
 async def _report(phone: Phone, node: Node) -> None:
@@ -355,7 +370,8 @@ async def _report(phone: Phone, node: Node) -> None:
 def main(arguments: Sequence[str]) -> int:
     """The process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor's to hear
-    return asyncio.run(serve(Orders.from_json(Path(arguments[0]).read_text())))
+    path = Path(arguments[0])
+    return asyncio.run(serve(Orders.from_json(path.read_text()), path.parents[2]))
 
 
 if __name__ == "__main__":

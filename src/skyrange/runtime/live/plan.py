@@ -1,14 +1,16 @@
 """Which process runs which component, and which links cross between two of them?
 
 A component is what has an address of its own in life: a ground station, the flight approval, a companion, a proxy.
-World, oracle and autopilots are one: they share every tick.
+World, oracle and autopilots are one: they share every tick. The machine where they run is the one that others join.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from ipaddress import ip_address
 from typing import Final, Literal
 
 from skyrange.agent.links import LinkSpec
@@ -18,28 +20,45 @@ from skyrange.vehicle.onboard import ORACLE
 
 WORLD: Final = "world"
 """The node of world, oracle, autopilots and attackers' radios."""
-Group = Literal["component", "operator", "one"]
-GROUPS: Final[tuple[Group, ...]] = ("component", "operator", "one")
+LOOPBACK: Final = "127.0.0.1"
+Group = Literal["component", "operator", "host", "one"]
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One process and the endpoints that live in it."""
+    """One process, the endpoints that live in it, and the address of the machine that it runs on."""
 
     name: str
     endpoints: frozenset[str]
+    host: str = LOOPBACK
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All processes of a range, the world's first, and the components that somebody else plays."""
+    """All processes of a range, the world's first, the components that somebody else plays, and where each is."""
 
     nodes: tuple[Node, ...]
     outside: frozenset[str]
+    hosts: Mapping[str, str]
+    """Addresses of machines by component."""
+
+    @property
+    def base(self) -> str:
+        """The address of the machine where the world runs, and the supervisor."""
+        return self.nodes[0].host
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """The addresses of the other machines, in order."""
+        return tuple(sorted({node.host for node in self.nodes} - {self.base}))
 
     def home(self, endpoint: str) -> str:
         """The node where an endpoint lives; "" for one outside."""
         return next((node.name for node in self.nodes if endpoint in node.endpoints), "")
+
+    def host(self, endpoint: str) -> str:
+        """The address of the machine where an endpoint lives, also of one outside."""
+        return self.hosts[component_of(endpoint)]
 
     def crossing(self, links: Sequence[LinkSpec]) -> Iterator[LinkSpec]:
         """The links that need a socket."""
@@ -54,26 +73,35 @@ def usual_group(components: int, cores: int | None = None) -> Group:
     return "component" if components <= 8 * (cores or os.cpu_count() or 1) else "operator"
 
 
-def plan(links: Sequence[LinkSpec], group: Group | None = None, outside: Sequence[str] = ()) -> Plan:
-    """Deal the ends of all links out to processes. `InputError` where `outside` names what is no component.
+def plan(
+    links: Sequence[LinkSpec],
+    group: Group | None = None,
+    outside: Sequence[str] = (),
+    hosts: Mapping[str, str] | None = None,
+) -> Plan:
+    """Deal the ends of all links out to processes, none of which is on two of `hosts` (see `scenario.hosts`).
 
     `outside` are components (`blue.gcs`, `blue/b1.companion`) that no process is started for: their sockets are left to
-    programs that the range did not start.
+    programs that the range did not start. `InputError` where it or `hosts` name what is no component.
     """
     ends = sorted({end for spec in links for end in (spec.a, spec.b)})
     parts = {end: component_of(end) for end in ends}
-    movable = sorted({part for part in parts.values() if part != WORLD})
-    strangers = [
-        Fault("external", name, "a component", nearest(name, movable)) for name in outside if name not in movable
-    ]
-    if strangers:
-        raise InputError("live", strangers)
-    kind = group or usual_group(len(movable) + 1)
-    dealt: dict[str, set[str]] = {WORLD: {ORACLE}}
+    components = sorted({WORLD, *parts.values()})
+    movable = [part for part in components if part != WORLD]
+    faults = [Fault("external", name, "a component", nearest(name, movable)) for name in outside if name not in movable]
+    where, wrong = _placed(components, hosts or {})
+    if group == "one" and len(set(where.values())) > 1:
+        faults.append(Fault("group", "one", "as many processes as hosts at least", "Choose --group host."))
+    if faults or wrong:
+        raise InputError("live", [*faults, *wrong])
+    kind = group or usual_group(len(components))
+    dealt: dict[tuple[str, str], set[str]] = {(WORLD, where[WORLD]): {ORACLE}}
     for end in ends:
-        if parts[end] not in outside:
-            dealt.setdefault(_node_of(parts[end], kind), set()).add(end)
-    return Plan(tuple(Node(name, frozenset(own)) for name, own in dealt.items()), frozenset(outside))
+        part = parts[end]
+        if part not in outside:
+            dealt.setdefault((_node_of(part, kind, where), where[part]), set()).add(end)
+    nodes = tuple(Node(name, frozenset(own), host) for (name, host), own in dealt.items())
+    return Plan(nodes, frozenset(outside), where)
 
 
 def component_of(endpoint: str) -> str:
@@ -82,9 +110,34 @@ def component_of(endpoint: str) -> str:
     return endpoint if role in ("gcs", "companion", "proxy", "approval") else WORLD
 
 
-def _node_of(component: str, group: Group) -> str:
-    if group == "one" or component == WORLD:
+def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[str, str], list[Fault]]:
+    """Every component's address, and what is wrong with `hosts`."""
+    faults = []
+    base = LOOPBACK
+    for pattern, address in hosts.items():
+        if not any(fnmatchcase(part, pattern) for part in components):
+            faults.append(Fault("hosts", pattern, "a component of the scenario", nearest(pattern, components)))
+        if fnmatchcase(WORLD, pattern):
+            base = address
+    where = {}
+    for part in components:
+        fitting = [address for pattern, address in hosts.items() if fnmatchcase(part, pattern)]
+        where[part] = fitting[-1] if fitting else base
+    if ip_address(base).is_loopback and not all(ip_address(one).is_loopback for one in where.values()):
+        hint = 'Say at which address the others reach this machine: hosts.world = "ADDRESS".'
+        faults.append(Fault("hosts.world", base, "an address that other machines reach", hint))
+    return where, faults
+
+
+def _node_of(component: str, group: Group, where: Mapping[str, str]) -> str:
+    """The name of the process; on another machine than the world's it says which, unless it is a component's."""
+    host = where[component]
+    at_base = host == where[WORLD]
+    if component == WORLD or (at_base and group in ("one", "host")):
         return WORLD
+    if group == "host":
+        return host
     if group == "component" or "." not in component:
         return component
-    return owner_of(component).partition("/")[0]
+    operator = owner_of(component).partition("/")[0]
+    return operator if at_base else f"{operator}@{host}"

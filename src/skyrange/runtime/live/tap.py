@@ -17,7 +17,7 @@ from typing import Any, Final
 from skyrange.core.errors import ComponentError, Fault, InputError, nearest
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
-from skyrange.runtime.live.addresses import LOOPBACK
+from skyrange.runtime.live.plan import LOOPBACK
 from skyrange.runtime.live.tap_door import DOOR, LINE_BYTES, WAITING_BYTES, line, short
 from skyrange.runtime.live.tapping import Terms
 

@@ -1,0 +1,59 @@
+"""How does a live range end up as one run's folder? All parts in one record, and what it was as a live one."""
+
+from __future__ import annotations
+
+import shutil
+from typing import Any, Final
+
+from skyrange.core.errors import SkyrangeError
+from skyrange.core.time import NS_PER_S, to_seconds
+from skyrange.record.folder import PARTS
+from skyrange.record.merge import gather
+from skyrange.runtime.live.launch import part_of
+from skyrange.runtime.live.plan import LOOPBACK
+from skyrange.runtime.live.range import Range
+
+FELL_BEHIND_NS: Final = NS_PER_S // 2
+
+
+def merge(flown: Range, status: str, failure: SkyrangeError | None) -> None:
+    """One run's folder of all parts, and the parts away."""
+    extra: dict[str, Any] = {"timings": _timings(flown), "live": _live(flown)}
+    if failure is not None:
+        extra["error"] = str(failure)
+    try:
+        found = gather(
+            [flown.folder / part_of(node.name) for node in flown.plan.nodes], flown.recorder, flown.rig.header
+        )
+    except SkyrangeError as error:
+        flown.recorder.close("failed", {"error": str(error)} | extra)
+        raise
+    flown.recorder.close(status, {**found, **extra})
+    shutil.rmtree(flown.folder / PARTS, ignore_errors=True)  # none where nothing was started
+
+
+def _timings(flown: Range) -> dict[str, Any]:
+    late_ns = max((int(member.status.get("late_ns", 0)) for member in flown.members.values()), default=0)
+    reached_s = max((to_seconds(int(one.status.get("now_ns", 0))) for one in flown.members.values()), default=0.0)
+    return {
+        "wall_s": round(flown.took_s, 3),
+        "real_time_factor": round(reached_s / flown.took_s, 3) if flown.took_s else None,
+        "max_lag_s": round(to_seconds(late_ns), 3),
+    }
+
+
+def _live(flown: Range) -> dict[str, Any]:
+    late = {name: int(member.status.get("late_ns", 0)) for name, member in flown.members.items()}
+    return {
+        "nodes": {node.name: sorted(node.endpoints) for node in flown.plan.nodes},
+        "outside": sorted(flown.plan.outside),
+        "links": {one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in flown.crossings},
+        "hosts": {node.name: node.host for node in flown.plan.nodes} if flown.plan.others else {},
+        "namespaces": dict(flown.spaces.names) if flown.spaces is not None else {},
+        "clocks": flown.clocks,
+        "refused": flown.refused,
+        "viewers": {vehicle: f"tcp://{LOOPBACK}:{port}" for vehicle, port in flown.watched},
+        "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
+        "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
+        "ended": {member.name: member.ended for member in flown.members.values() if member.ended},
+    }

@@ -1,0 +1,149 @@
+"""What is a live range before it flies, and while it does? What is wanted, all of it checked, and how everybody is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from skyrange.core.errors import Fault, InputError
+from skyrange.core.ids import vehicle_id
+from skyrange.core.time import NS_PER_S
+from skyrange.io.curve_keys import Keys
+from skyrange.io.programs import Program
+from skyrange.record import Recorder
+from skyrange.runtime.live.addresses import Crossing, check_free, crossings
+from skyrange.runtime.live.control import Message
+from skyrange.runtime.live.namespaces import Namespaces, namespaces
+from skyrange.runtime.live.plan import Group, Plan, component_of, plan
+from skyrange.runtime.live.viewing import Watched, watched
+from skyrange.runtime.run import open_record
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.wire import Rig, wire
+
+State = Literal["starting", "here", "bound", "ready", "flying", "done", "dead"]
+OnDeath = Literal["stop", "continue"]
+
+
+@dataclass(slots=True)
+class Member:
+    """A node as the supervisor knows it."""
+
+    name: str
+    host: str
+    state: State = "starting"
+    program: Program | None = None
+    """Its process, if that runs on this machine."""
+    status: Message = field(default_factory=dict)
+    """Its last report: counts, `now_ns`, `lag_ns`, `cpu_s`."""
+    ended: str = ""
+    """How it ended, with its last words; "" while it has not, or for one that ended as it should."""
+    gone: bool = False
+    """Whether its process on another machine has ended."""
+
+    @property
+    def running(self) -> bool:
+        """Whether its process has not ended yet."""
+        return self.program.running if self.program is not None else not self.gone
+
+
+@dataclass(slots=True)
+class Range:
+    """A live range: what is wanted, and how everybody is."""
+
+    rig: Rig
+    plan: Plan
+    crossings: list[Crossing]
+    recorder: Recorder
+    """Of the whole; it is told everything at the end."""
+    on_death: OnDeath = "stop"
+    keys: Keys | None = None
+    """The range's own and those of the machines that may join; `None` for a range of one machine."""
+    control_port: int = 0
+    spaces: Namespaces | None = None
+    """The networks of operators and aircraft, if they have their own on this machine."""
+    watched: Watched = ()
+    """Aircraft that viewers see, and where."""
+    members: dict[str, Member] = field(default_factory=dict)
+    waits_for: list[str] = field(default_factory=list)
+    """Addresses of machines that have not joined yet."""
+    clocks: dict[str, Any] = field(default_factory=dict)
+    """What is known of the other machines' clocks, for the manifest."""
+    refused: int = 0
+    """Connections to the control socket without a key of the range's."""
+    zero_ns: int = 0
+    took_s: float = 0.0
+    """Wall seconds from time 0 to the end."""
+
+    @property
+    def folder(self) -> Path:
+        """The run's folder."""
+        return self.recorder.path
+
+    @property
+    def joining(self) -> tuple[str, ...]:
+        """The addresses of the machines that have to join."""
+        return tuple(one for one in self.plan.others if self.spaces is None or one not in self.spaces.names)
+
+    @property
+    def now_s(self) -> float:
+        """The range's time; negative before its start."""
+        return (time.monotonic_ns() - self.zero_ns) / NS_PER_S if self.zero_ns else -1.0
+
+
+OnLook = Callable[[Range], None]
+CONTROL_PORT = 14500
+"""Where other machines join, + the port offset."""
+
+
+def prepare(
+    scenario: Scenario,
+    out: Path | None = None,
+    *,
+    group: Group | None = None,
+    outside: tuple[str, ...] = (),
+    port_offset: int = 0,
+    on_death: OnDeath = "stop",
+    keys: Keys | None = None,
+    netns: bool = False,
+    viewer_port: int | None = None,
+) -> Range:
+    """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
+
+    With a `viewer_port` ground stations can watch there, as `runtime.viewers` has it; no offset moves that.
+    Raises `InputError` with all that is wrong, before anything is written.
+    """
+    rig = wire(scenario)
+    links = rig.wiring.links
+    if netns and scenario.hosts:
+        raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")
+    components = {component_of(end) for spec in links for end in (spec.a, spec.b)}
+    spaces = namespaces(sorted(components)) if netns else None
+    planned = plan(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
+    places = crossings(links, planned, port_offset)
+    if planned.others and keys is None and spaces is None:
+        hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
+        raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
+    here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
+    check_free([one for one in here if spaces is None])  # in networks that are not there yet nobody is
+    _check_attacks(rig)
+    control_port = CONTROL_PORT + port_offset if planned.others else 0
+    fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
+    seen = watched(fleet, viewer_port) if viewer_port is not None else ()
+    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port, spaces, seen)
+
+
+def _check_attacks(rig: Rig) -> None:
+    """Only the world's process knows when a trigger fires."""
+    tapping = {tap.attack for tap in rig.wiring.taps}
+    faults = [
+        Fault(
+            f"attacks.{one.id}", "a trigger, and taps on links", "one of the two in a live range", "Give it a start_s."
+        )
+        for one in rig.wiring.attacks
+        if one.trigger is not None and one.id in tapping
+    ]
+    if faults:
+        raise InputError("live", faults)
