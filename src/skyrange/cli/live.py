@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.commands import print_json, print_summary, tell_if_cold
+from skyrange.cli.live_viewing import invite, see_off
 from skyrange.cli.outside import tell_if_held_back
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
@@ -49,12 +50,14 @@ def live(
     tell_if_cold(quiet=as_json)
     own = load_range(keys) if keys is not None else None
     flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
+    invite(flown)
     failure: ShortfallError | ComponentError | None = None
     with _shown(flown, quiet=as_json) as on_look:
         try:
             fly(flown, on_look)
         except (ShortfallError, ComponentError) as error:
             failure = error
+    see_off(flown)
     record = load_run(flown.folder)
     write_report(record, flown.folder / "report.html")
     facts = {**summary(record), "live": record.manifest["live"]}
