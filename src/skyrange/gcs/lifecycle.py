@@ -23,6 +23,7 @@ class State(StrEnum):
     """Where a flight stands, as its ground station sees it."""
 
     PLANNED = "planned"  # nothing said yet
+    LISTENING = "listening"  # the station was started anew: is the aircraft flying already?
     REQUESTING = "requesting"  # the approval has been asked
     CONNECTING = "connecting"  # approved; no heartbeat of the aircraft heard so far
     UPLOADING = "uploading"  # the mission goes up
@@ -44,6 +45,11 @@ class Event(StrEnum):
     """What moves a flight on."""
 
     BEGUN = "begun"
+    BEGUN_ANEW = "begun_anew"  # after time 0: another of this name was there before, and what it did is not known
+    FOUND_FLYING = "found_flying"  # armed, by none of this station's doing
+    FOUND_GUIDED = "found_guided"  # armed, under a guided plan of which nobody knows how far it had come
+    FOUND_FLOWN = "found_flown"  # on the ground, its mission complete
+    FOUND_WAITING = "found_waiting"  # on the ground, nothing flown
     APPROVED = "approved"
     REJECTED = "rejected"
     HEARD = "heard"  # a heartbeat of the aircraft's autopilot
@@ -64,7 +70,14 @@ class Event(StrEnum):
 
 S, E = State, Event
 TABLE: dict[State, dict[Event, State]] = {
-    S.PLANNED: {E.BEGUN: S.REQUESTING},
+    S.PLANNED: {E.BEGUN: S.REQUESTING, E.BEGUN_ANEW: S.LISTENING},
+    S.LISTENING: {
+        E.FOUND_FLYING: S.FLYING,
+        E.FOUND_GUIDED: S.ABORTING,
+        E.FOUND_FLOWN: S.COMPLETE,
+        E.FOUND_WAITING: S.REQUESTING,
+        E.GAVE_UP: S.FAILED,
+    },
     S.REQUESTING: {E.APPROVED: S.CONNECTING, E.REJECTED: S.FAILED, E.GAVE_UP: S.FAILED},
     S.CONNECTING: {E.HEARD: S.UPLOADING, E.GAVE_UP: S.FAILED},
     S.UPLOADING: {E.UPLOADED: S.VERIFYING, E.NOTHING_TO_UPLOAD: S.STREAMING, E.GAVE_UP: S.FAILED},

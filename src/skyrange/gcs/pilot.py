@@ -44,6 +44,9 @@ STALE_NS = 3 * NS_PER_S
 
 Acknowledgements of SET_MESSAGE_INTERVAL do not say which message they are about, so one that comes
 twice can be taken for the next one's; what counts is what comes in."""
+LISTEN_NS = 3 * NS_PER_S
+"""How long a station that was started anew listens to an aircraft on the ground, which tells its mission's state every
+second if it was ever asked to."""
 _WATCHED = frozenset({State.WAITING, State.HOLDING, State.FLYING})
 """States in which the streams are expected to flow, and no command that matters may be under way."""
 
@@ -121,7 +124,7 @@ class Pilot:
     def on_time(self, now: Time, out: Outbox) -> None:
         """Do what has fallen due."""
         if self.state is State.PLANNED:
-            self._raise(Event.BEGUN, now, out, ())
+            self._raise(Event.BEGUN if now <= 0 else Event.BEGUN_ANEW, now, out, ())
         if self.filing is not None and now >= self.filing.due:
             self._file(self.filing, now, out)
         if self.transfer is not None and now >= self.transfer.due:
@@ -131,7 +134,9 @@ class Pilot:
             self._press(now, out, self.why)
         if self.state in _CLOCKED and now >= self._clock_ns():
             self._raise(_CLOCKED[self.state], now, out, self.why)
-        if now >= self.deadline and self.state not in OVER:
+        if now >= self.deadline and self.state is State.LISTENING and self.belief.heard_ns >= 0:
+            self._found_on_ground(now, out)
+        elif now >= self.deadline and self.state not in OVER:
             self._give_up(f"{self.state.value} for too long", now, out, self.why)
         self._reschedule()
 
@@ -144,7 +149,9 @@ class Pilot:
         if self.belief.on_heartbeat(now, message.base_mode, message.custom_mode, message.get_seq(), ref):
             name = result_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
             out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
-        if self.state is State.CONNECTING:
+        if self.state is State.LISTENING:
+            self._found(now, out, ref)
+        elif self.state is State.CONNECTING:
             self._raise(Event.HEARD, now, out, (ref,))
         elif self.state is State.ARMING and self.belief.armed:
             self._drop_commands()  # its acknowledgement may have been lost
@@ -176,6 +183,8 @@ class Pilot:
             data: dict[str, Scalar] = {"item": message.seq, "of": len(self.flight.plan.items)}
             out.note("decision.progress", self.flight.vehicle, data, (ref,))
         if message.mission_state == mav.MISSION_STATE_COMPLETE:
+            if self.state is State.LISTENING and self.belief.armed is False:
+                self._raise(Event.FOUND_FLOWN, now, out, (ref,))
             self._mission_done(now, out, ref)
 
     def _on_reached(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
@@ -289,6 +298,26 @@ class Pilot:
         if self.state is State.FLYING and plan.kind == "auto" and not scripts.lands_itself(plan):
             self._raise(Event.PLAN_DONE, now, out, (ref,))
 
+    # --- started anew ------------------------------------------------------------------------------
+
+    def _found(self, now: Time, out: Outbox, ref: FrameId) -> None:
+        """A heartbeat of an aircraft that this station knows nothing of: one that flies is left to fly."""
+        if not self.belief.armed:
+            self.deadline = min(self.deadline, now + LISTEN_NS)
+        elif self.flight.plan.kind == "guided":
+            self.reason = "the station was started anew, and how far the plan had come is not known"
+            self._raise(Event.FOUND_GUIDED, now, out, (ref,), {"reason": self.reason})
+        else:
+            self._raise(Event.FOUND_FLYING, now, out, (ref,))
+
+    def _found_on_ground(self, now: Time, out: Outbox) -> None:
+        """It waits there, or came down in the middle of its mission; one that completed it has said so."""
+        item = self.belief.farthest_item
+        if item > 1:
+            self._give_up(f"found on the ground at item {item} of {len(self.flight.plan.items)}", now, out, self.why)
+        else:
+            self._raise(Event.FOUND_WAITING, now, out, self.why)
+
     # --- requests, transfers, commands ----------------------------------------------------------------------
 
     def _file(self, filing: Filing, now: Time, out: Outbox) -> None:
@@ -388,13 +417,13 @@ class Pilot:
             due = min(due, self._clock_ns())
         self.due = due
         watch = Watch.NONE
-        if self.link_lost or self.state in (State.CONNECTING, State.ARMING):
+        if self.link_lost or self.state in (State.LISTENING, State.CONNECTING, State.ARMING):
             watch |= Watch.HEARTBEAT
         if self.state in ARMED and not self.belief.armed:
             watch |= Watch.HEARTBEAT
         if self.guide is not None and self.state in (State.STARTING, State.FLYING):
             watch |= Watch.POSITION
-        if self.state is State.FLYING:
+        if self.state in (State.LISTENING, State.FLYING):
             watch |= Watch.COMPLETE
         self.belief.set("watch", watch)
 

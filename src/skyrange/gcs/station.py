@@ -127,7 +127,7 @@ class GroundStation:
             if pilot.due <= now:
                 began = pilot.state is State.PLANNED
                 pilot.on_time(now, out)
-                if began:
+                if began or pilot.state is State.REQUESTING:
                     self._by_intent[pilot.intent] = place
             self._queue(place)
         if beats:

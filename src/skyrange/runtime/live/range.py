@@ -17,11 +17,12 @@ from skyrange.runtime.live.addresses import Crossing, check_free, crossings
 from skyrange.runtime.live.control import Message
 from skyrange.runtime.live.plan import Group, Plan, plan
 from skyrange.runtime.run import open_record
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.schema import OnDeath, Scenario
 from skyrange.scenario.wire import Rig, wire
 
 State = Literal["starting", "here", "bound", "ready", "flying", "done", "dead"]
-OnDeath = Literal["stop", "continue"]
+MOST_STARTS = 4
+"""Of a node: what dies so often is not mended by a start more."""
 
 
 @dataclass(slots=True)
@@ -39,6 +40,13 @@ class Member:
     """How it ended, with its last words; "" while it has not, or for one that ended as it should."""
     gone: bool = False
     """Whether its process on another machine has ended."""
+    deaths: list[str] = field(default_factory=list)
+    """How those of this name ended that were started before it."""
+
+    @property
+    def starts(self) -> int:
+        """How often it was started."""
+        return len(self.deaths) + 1
 
     @property
     def running(self) -> bool:
@@ -55,7 +63,7 @@ class Range:
     crossings: list[Crossing]
     recorder: Recorder
     """Of the whole; it is told everything at the end."""
-    on_death: OnDeath = "stop"
+    on_death: OnDeath
     keys: Keys | None = None
     """The range's own and those of the machines that may join; `None` for a range of one machine."""
     control_port: int = 0
@@ -93,11 +101,12 @@ def prepare(
     group: Group | None = None,
     outside: tuple[str, ...] = (),
     port_offset: int = 0,
-    on_death: OnDeath = "stop",
+    on_death: OnDeath | None = None,
     keys: Keys | None = None,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
+    `on_death` stands over the scenario's.
     Raises `InputError` with all that is wrong, before anything is written.
     """
     rig = wire(scenario)
@@ -110,7 +119,7 @@ def prepare(
     check_free([one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base])
     _check_attacks(rig)
     control_port = CONTROL_PORT + port_offset if planned.others else 0
-    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port)
+    return Range(rig, planned, places, open_record(rig, out), on_death or scenario.live.on_death, keys, control_port)
 
 
 def _check_attacks(rig: Rig) -> None:

@@ -1,7 +1,8 @@
 """How is a live range brought up, watched and taken down? Processes by readiness, one start, one record.
 
 All addresses are checked, then held by their owners, before anybody calls; the clock's zero is told once every node has
-booted. A node that ends early is named with its last words, and the range ends or goes on without it.
+booted. A node that ends early is named with its last words, and the range ends, or goes on without it, or starts it
+anew. Nothing is left to fly without the world, whose end is the range's.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from skyrange.runtime.live.ending import merge
 from skyrange.runtime.live.joining import Machine, Machines
 from skyrange.runtime.live.node import Orders
 from skyrange.runtime.live.passes import Passes, issue
-from skyrange.runtime.live.plan import LOOPBACK
-from skyrange.runtime.live.range import Member, OnLook, Range, State
+from skyrange.runtime.live.plan import LOOPBACK, WORLD
+from skyrange.runtime.live.range import MOST_STARTS, Member, OnLook, Range, State
 
 LEAD_NS: Final = 300_000_000
 """From the word to start to time 0."""
@@ -135,15 +136,17 @@ class _Supervisor:
 
     def _orders(self, name: str) -> Orders:
         flown = self._range
+        start = flown.members[name].starts
         node = next(one for one in flown.plan.nodes if one.name == name)
         return Orders(
             name=node.name,
             endpoints=tuple(sorted(node.endpoints)),
-            part=launch.part_of(node.name),
+            part=launch.part_of(node.name, start),
             host=node.host,
             control=self._desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
             passes=self._passes,
+            anew=start > 1,
         )
 
     async def _start(self) -> None:
@@ -188,11 +191,23 @@ class _Supervisor:
         flown, interrupt = self._range, self._interrupt
         while not interrupt.requested and any(one.state not in ("done", "dead") for one in flown.members.values()):
             self._bury()
-            dead = [member for member in flown.members.values() if member.ended]
-            if dead and flown.on_death == "stop":
-                raise ComponentError(dead[0].name, dead[0].ended)
+            for dead in [member for member in flown.members.values() if member.ended]:
+                if flown.on_death == "stop" or dead.name == WORLD:
+                    raise ComponentError(dead.name, dead.ended)
+                if flown.on_death == "restart" and dead.starts < MOST_STARTS and not dead.running:
+                    await self._start_anew(dead)
             self._on_look(flown)
             await asyncio.sleep(LOOK_S)
+
+    async def _start_anew(self, dead: Member) -> None:
+        """The next of its name, which `_hear` brings up while the others fly."""
+        dead.deaths.append(dead.ended)
+        dead.state, dead.ended, dead.status, dead.gone = "starting", "", {}, False
+        orders = self._orders(dead.name)
+        if dead.host in self._machines.members:
+            await self._machines.give(dead.host, {}, [orders])
+        else:
+            dead.program = launch.start(self._range.folder, orders)
 
     def _bury(self) -> None:
         """Notice those that have ended without a word."""
@@ -221,6 +236,7 @@ class _Supervisor:
             try:
                 if not await self._machines.hear(who, said, blob):
                     self._hear(who, said)
+                    await self._lead(who)
                 elif said["kind"] == "clock" and self._machines.zero_ns:
                     await self._tell_time(who)
             except (KeyError, TypeError, ValueError):  # not what such a message says
@@ -241,6 +257,13 @@ class _Supervisor:
         elif kind == "done":
             member.state, member.status = "done", {**member.status, **said}
             member.ended = str(said.get("error", ""))
+
+    async def _lead(self, name: str) -> None:
+        """Bring up one that was started anew; the others are there, and wait for nothing."""
+        member = self._range.members.get(name)
+        word = {"bound": "connect", "ready": "start"}.get(member.state, "") if member is not None else ""
+        if member is not None and member.deaths and word:
+            await self._desk.tell(name, word, zero_ns=self._machines.zero_at(member.host))
 
     async def _tell_time(self, who: str) -> None:
         """To the nodes of a machine whose clock was measured again."""
