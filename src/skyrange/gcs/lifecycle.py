@@ -8,7 +8,7 @@ can be read and tested whole. Three rules keep it honest. First, only the pilot 
 what its state listens to; a frame that means nothing now is data (a belief) or is counted, never an
 event. So an event outside the table is a defect of ours, and `after` raises instead of ignoring it.
 Second, waiting is a state and giving up is an event (`GAVE_UP`, with a reason): each state that
-waits has a deadline, so each flight ends in COMPLETE or FAILED. Third, once airborne, giving up
+waits has a deadline, so each flight ends in COMPLETE or FAILED (or LEFT, by a station started anew). Third, once airborne, giving up
 does not fail at once: the aircraft is first brought home (ABORTING), as an operator would.
 """
 
@@ -39,6 +39,7 @@ class State(StrEnum):
     ABORTING = "aborting"  # the plan is given up, the aircraft is told to come home
     COMPLETE = "complete"
     FAILED = "failed"
+    LEFT = "left"  # found on the ground after a flight that another station watched: what became of it, that one knew
 
 
 class Event(StrEnum):
@@ -48,8 +49,8 @@ class Event(StrEnum):
     BEGUN_ANEW = "begun_anew"  # after time 0: another of this name was there before, and what it did is not known
     FOUND_FLYING = "found_flying"  # armed, by none of this station's doing
     FOUND_GUIDED = "found_guided"  # armed, under a guided plan of which nobody knows how far it had come
-    FOUND_FLOWN = "found_flown"  # on the ground, its mission complete
-    FOUND_WAITING = "found_waiting"  # on the ground, nothing flown
+    FOUND_FLOWN = "found_flown"  # on the ground, in a mode that a flight leaves behind
+    FOUND_WAITING = "found_waiting"  # on the ground, not flown yet
     APPROVED = "approved"
     REJECTED = "rejected"
     HEARD = "heard"  # a heartbeat of the aircraft's autopilot
@@ -74,7 +75,7 @@ TABLE: dict[State, dict[Event, State]] = {
     S.LISTENING: {
         E.FOUND_FLYING: S.FLYING,
         E.FOUND_GUIDED: S.ABORTING,
-        E.FOUND_FLOWN: S.COMPLETE,
+        E.FOUND_FLOWN: S.LEFT,
         E.FOUND_WAITING: S.REQUESTING,
         E.GAVE_UP: S.FAILED,
     },
@@ -93,10 +94,11 @@ TABLE: dict[State, dict[Event, State]] = {
     S.ABORTING: {E.DISARMED: S.FAILED, E.GAVE_UP: S.FAILED},
     S.COMPLETE: {},
     S.FAILED: {},
+    S.LEFT: {},
 }
 """State → event → next state. What is absent cannot happen."""
 
-OVER = frozenset({State.COMPLETE, State.FAILED})
+OVER = frozenset({State.COMPLETE, State.FAILED, State.LEFT})
 """States that end a flight."""
 ARMED = frozenset({State.HOLDING, State.STARTING, State.FLYING, State.RETURNING, State.ABORTING})
 """States in which the station believes the motors run."""

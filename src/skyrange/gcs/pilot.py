@@ -44,9 +44,8 @@ STALE_NS = 3 * NS_PER_S
 
 Acknowledgements of SET_MESSAGE_INTERVAL do not say which message they are about, so one that comes
 twice can be taken for the next one's; what counts is what comes in."""
-LISTEN_NS = 3 * NS_PER_S
-"""How long a station that was started anew listens to an aircraft on the ground, which tells its mission's state every
-second if it was ever asked to."""
+_FLOWN = frozenset({mav.COPTER_MODE_AUTO, mav.COPTER_MODE_LAND, mav.COPTER_MODE_RTL, mav.COPTER_MODE_SMART_RTL})
+"""Modes in which a disarmed aircraft has flown: none is prepared in them."""
 _WATCHED = frozenset({State.WAITING, State.HOLDING, State.FLYING})
 """States in which the streams are expected to flow, and no command that matters may be under way."""
 
@@ -134,9 +133,7 @@ class Pilot:
             self._press(now, out, self.why)
         if self.state in _CLOCKED and now >= self._clock_ns():
             self._raise(_CLOCKED[self.state], now, out, self.why)
-        if now >= self.deadline and self.state is State.LISTENING and self.belief.heard_ns >= 0:
-            self._found_on_ground(now, out)
-        elif now >= self.deadline and self.state not in OVER:
+        if now >= self.deadline and self.state not in OVER:
             self._give_up(f"{self.state.value} for too long", now, out, self.why)
         self._reschedule()
 
@@ -183,8 +180,6 @@ class Pilot:
             data: dict[str, Scalar] = {"item": message.seq, "of": len(self.flight.plan.items)}
             out.note("decision.progress", self.flight.vehicle, data, (ref,))
         if message.mission_state == mav.MISSION_STATE_COMPLETE:
-            if self.state is State.LISTENING and self.belief.armed is False:
-                self._raise(Event.FOUND_FLOWN, now, out, (ref,))
             self._mission_done(now, out, ref)
 
     def _on_reached(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
@@ -275,6 +270,8 @@ class Pilot:
 
     def _over(self, now: Time, out: Outbox, causes: Refs) -> None:
         self._drop_commands()
+        if self.state is State.LEFT:
+            return
         self.outcome = Outcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
         reason = self.outcome.reason
         if reason:
@@ -303,20 +300,13 @@ class Pilot:
     def _found(self, now: Time, out: Outbox, ref: FrameId) -> None:
         """A heartbeat of an aircraft that this station knows nothing of: one that flies is left to fly."""
         if not self.belief.armed:
-            self.deadline = min(self.deadline, now + LISTEN_NS)
+            flown = self.belief.mode in _FLOWN
+            self._raise(Event.FOUND_FLOWN if flown else Event.FOUND_WAITING, now, out, (ref,))
         elif self.flight.plan.kind == "guided":
             self.reason = "the station was started anew, and how far the plan had come is not known"
             self._raise(Event.FOUND_GUIDED, now, out, (ref,), {"reason": self.reason})
         else:
             self._raise(Event.FOUND_FLYING, now, out, (ref,))
-
-    def _found_on_ground(self, now: Time, out: Outbox) -> None:
-        """It waits there, or came down in the middle of its mission; one that completed it has said so."""
-        item = self.belief.farthest_item
-        if item > 1:
-            self._give_up(f"found on the ground at item {item} of {len(self.flight.plan.items)}", now, out, self.why)
-        else:
-            self._raise(Event.FOUND_WAITING, now, out, self.why)
 
     # --- requests, transfers, commands ----------------------------------------------------------------------
 
@@ -406,6 +396,8 @@ class Pilot:
         return self._depart_ns() - from_seconds(lead_s)
 
     def _reschedule(self) -> None:
+        if self.state is State.PLANNED:
+            return  # due at once, whatever it has heard before
         due = self.deadline
         if self.filing is not None:
             due = min(due, self.filing.due)
@@ -423,7 +415,7 @@ class Pilot:
             watch |= Watch.HEARTBEAT
         if self.guide is not None and self.state in (State.STARTING, State.FLYING):
             watch |= Watch.POSITION
-        if self.state in (State.LISTENING, State.FLYING):
+        if self.state is State.FLYING:
             watch |= Watch.COMPLETE
         self.belief.set("watch", watch)
 

@@ -30,7 +30,7 @@ NOTES: Mapping[Event, str] = MappingProxyType(
         Event.BEGUN_ANEW: "",
         Event.FOUND_FLYING: "decision.resumed",
         Event.FOUND_GUIDED: "decision.gave_up",
-        Event.FOUND_FLOWN: "decision.complete",
+        Event.FOUND_FLOWN: "decision.left",
         Event.FOUND_WAITING: "",
         Event.APPROVED: "decision.approved",
         Event.REJECTED: "decision.rejected",

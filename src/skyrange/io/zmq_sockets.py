@@ -2,8 +2,9 @@
 
 The end that binds is a ROUTER, the end that connects a DEALER whose first message is empty: here I am. Two
 DEALERs would deal the messages out among all who connect; a ROUTER addresses one, here whoever connected or
-spoke last, so a peer that starts anew is the peer at once; when it leaves, who spoke before is again. Foreign programs connect with a DEALER. Without a
-peer nothing is kept for later: `send` says no. What a lost connection leaves in the queue goes out on the next.
+spoke last, so a peer that starts anew is the peer at once; when it leaves, who spoke before is again. Foreign
+programs connect with a DEALER. Without a peer nothing is kept for later: `send` says no. What a lost connection
+leaves in the queue goes out on the next.
 
 What libzmq holds is bounded by `queue` messages of `max_bytes` each way and peer. One thing is not: parts of a
 message that never ends, which only a peer that was let in can send; beyond loopback that takes a key.
