@@ -8,7 +8,7 @@ can be read and tested whole. Three rules keep it honest. First, only the pilot 
 what its state listens to; a frame that means nothing now is data (a belief) or is counted, never an
 event. So an event outside the table is a defect of ours, and `after` raises instead of ignoring it.
 Second, waiting is a state and giving up is an event (`GAVE_UP`, with a reason): each state that
-waits has a deadline, so each flight ends in COMPLETE or FAILED (or LEFT, by a station started anew). Third, once airborne, giving up
+waits has a deadline, so each flight ends in COMPLETE or FAILED (or LEFT). Third, once airborne, giving up
 does not fail at once: the aircraft is first brought home (ABORTING), as an operator would.
 """
 

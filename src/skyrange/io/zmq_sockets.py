@@ -30,7 +30,11 @@ QUEUE = 1_024
 HANDSHAKE_MS = 5_000
 HEARTBEAT_MS = 2_000
 SILENT_MS = 10_000
-"""A peer that answers no heartbeat for so long is gone; a process that was paused for five seconds is not."""
+"""A peer that answers no heartbeat for so long is gone; a process that was paused for five seconds is not.
+
+Only under keys, where it may be on another machine. On loopback TCP says when a process ends, and anybody may connect:
+libzmq 4.3.5 aborts the process when a heartbeat is due on a connection that filled the queue and was closed
+(https://github.com/zeromq/libzmq/pull/4852)."""
 MOST_PEERS = 8
 """Of those who have connected, so many are remembered."""
 RECONNECT_MS = 100
@@ -313,9 +317,9 @@ class ZmqEnd:
         socket.set(zmq.RCVHWM, queue)
         socket.set(zmq.MAXMSGSIZE, self._max_bytes)
         socket.set(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
-        socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
-        socket.set(zmq.HEARTBEAT_TIMEOUT, SILENT_MS)
         if keys is not None:
+            socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
+            socket.set(zmq.HEARTBEAT_TIMEOUT, SILENT_MS)
             socket.curve_publickey = keys.public
             socket.curve_secretkey = keys.secret
         if self._binds:

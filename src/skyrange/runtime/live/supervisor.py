@@ -19,6 +19,7 @@ import zmq
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.io.curve_keys import Keys
 from skyrange.io.mavlink_sockets import Address
+from skyrange.record.folder import PARTS
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.live import launch
 from skyrange.runtime.live.control import Desk, Message
@@ -96,7 +97,12 @@ class _Supervisor:
                     member.program.kill()
             flown.clocks, flown.refused = self._machines.told, self._desk.refused
             self._desk.close()
-        merge(flown, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
+        try:
+            merge(flown, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
+        except (SkyrangeError, OSError) as error:
+            said = f"{failure}\n{error}" if failure is not None else str(error)
+            hint = f"What each process recorded is in {flown.folder / PARTS}, where `skyrange show` reads it"
+            raise ComponentError("live", said, hint) from error
         if failure is not None:
             raise failure
         if interrupt.requested:
@@ -218,7 +224,8 @@ class _Supervisor:
             if machine is not None and machine.silent:
                 self._on_ended(member.name, f"the machine {member.host} fell silent")
             elif member.program is not None and not member.program.running:
-                self._on_ended(member.name, f"{member.program.ended}. It said last:\n{member.program.last_words()}")
+                words = member.program.last_words()
+                self._on_ended(member.name, member.program.ended + (f". It said last:\n{words}" if words else ""))
 
     def _on_ended(self, name: str, how: str) -> None:
         member = self._range.members.get(name)
