@@ -110,7 +110,7 @@ class Harmed:
 
     def until(self, time_s: float) -> None:
         """Wait for the range's time."""
-        until(lambda: self.now_s() >= time_s or self.process.poll() is not None, 150.0, f"{time_s:g} s of flight")
+        until(lambda: self.now_s() >= time_s or self.process.poll() is not None, 300.0, f"{time_s:g} s of flight")
         assert self.process.poll() is None, self.process.communicate()
         self.hit_s = self.hit_s or time_s
 
@@ -129,6 +129,11 @@ class Harmed:
         os.kill(pid, signal.SIGSTOP)
         time.sleep(seconds)
         os.kill(pid, signal.SIGCONT)
+
+    def hold_up(self, name: str, seconds: float = 4.0) -> None:
+        """Have a process that is being started take so much longer, at least: b1's failsafe does not wait for it."""
+        until(lambda: name in nodes(self.folder), 20.0, f"a start of {name}")
+        self.pause(name, seconds)
 
     def end(self) -> Any:
         """Wait for its end; its record."""
@@ -193,9 +198,15 @@ class Fault:
 
 def _station_killed(harmed: Harmed) -> None:
     harmed.kill("blue.gcs")
+    harmed.hold_up("blue.gcs.2")
 
 
 def _others_killed(harmed: Harmed) -> None:
+    harmed.kill("blue-b1.companion", "blue-b2.proxy", "approval")
+    harmed.hold_up("blue-b1.companion.2")
+
+
+def _others_killed_for_good(harmed: Harmed) -> None:
     harmed.kill("blue-b1.companion", "blue-b2.proxy", "approval")
 
 
@@ -213,7 +224,7 @@ def _world_paused(harmed: Harmed) -> None:
 
 def _tcp_cut(harmed: Harmed) -> None:
     for number in range(5):
-        cut = ["ss", "-K", "dst", "127.0.0.1", "dport", "=", f":{14551 + OFFSET}"]
+        cut = ["ss", "-K", "dst", "127.0.0.1", "dport", "=", f":{14561 + OFFSET}"]
         subprocess.run(cut, check=True, capture_output=True)
         harmed.until(MID_S + 1.0 + number)
 
@@ -233,7 +244,7 @@ FAULTS = (
         },
     ),
     Fault(
-        "others for good", "", _others_killed, on_death="continue",
+        "others for good", "", _others_killed_for_good, on_death="continue",
         differs={
             "blue/b1": "companion killed (and the approval), `continue`",
             "blue/b2": "proxy killed (and the approval), `continue`",
@@ -242,7 +253,7 @@ FAULTS = (
     Fault("world", "world killed", _world_killed, code=3),
     Fault("station paused", "ground station paused for 5 s", _station_paused),
     Fault("world paused", "world with all autopilots paused for 5 s", _world_paused),
-    Fault("link", "TCP of the link log:blue/b1 cut, five times", _tcp_cut),
+    Fault("link", "TCP of the link log:blue/b2 cut, five times", _tcp_cut),
     Fault("disk", "no room on the disk", _disk_full, on_death="stop", code=3),
 )  # fmt: skip
 HEAD = Row("what was done at 9 s", "aircraft", "its ground station notes", "its autopilot changes to", "mission")

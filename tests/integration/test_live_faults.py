@@ -122,7 +122,9 @@ def _can_cut() -> bool:
 @pytest.mark.skipif(not _can_cut(), reason="ss -K cannot end connections here (root, CONFIG_INET_DIAG_DESTROY)")
 def test_a_tcp_link_that_is_cut_is_there_again(tmp_path: Path) -> None:
     _, _, record = made("link", tmp_path)
-    times = sent_by(record, "blue/b1.proxy", "log:blue/b1")
+    frames = record.table("frames", ["link", "fate"]).to_pylist()
+    assert any(row["fate"] == "lost" for row in frames if row["link"] == "log:blue/b2")
+    times = sent_by(record, "blue/b2.proxy", "log:blue/b2")
     assert max(later - earlier for earlier, later in itertools.pairwise(times)) < 2.0
 
 

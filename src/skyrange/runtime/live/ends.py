@@ -109,7 +109,7 @@ class _Refusal(asyncio.Protocol):
 class _TcpServer:
     """Listens for one peer, as SITL's serial ports do: while the one there lives, another is refused.
 
-    (SITL leaves it waiting; mavlink-router lets all in, and each hears everything.) Who has not spoken MAVLink yet
+    (SITL leaves it waiting; mavlink-router lets all in, each an endpoint of its own.) Who has not spoken MAVLink yet
     gives way, so that a port scan that came first does not keep the peer out; a peer whose machine died is noticed by
     its silence on TCP.
     """
