@@ -87,6 +87,10 @@ class Columns(NamedTuple):
     order: Ints
     """Row → its number in the inbox, as `Inbox.arrival` wants it."""
 
+    def take(self, rows: Ints) -> Columns:
+        """Some of the mail, in the order of `rows`."""
+        return Columns(self.places[rows], self.at_ns[rows], self.payloads.take(rows), self.order[rows])
+
 
 class Inbox(Sequence[Arrival]):
     """What arrived since the agent's last step, in (time, lane, sender, serial) order."""

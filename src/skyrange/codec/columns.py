@@ -1,8 +1,8 @@
 """How are many MAVLink messages packed and unpacked at once? Arrays of messages to columns of frames, and back.
 
 The same bytes as `codec.mavlink` makes and reads, one by one, from the same tables (`codec.wire.LAYOUTS`); tests hold
-the two against each other. Only MAVLink 2 frames without a signature go this way: whatever else comes in is left
-to the one that takes them singly.
+the two against each other. Only MAVLink 2 frames come in this way, signed or not (what a signature is worth is
+`codec.signing`'s): whatever else there is, is left to the one that takes them singly.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, MIN_FRAME
+from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, MIN_FRAME, SIGNATURE, SIGNED
 from skyrange.core.compiled import kernel
 
 Table = NDArray[Any]
@@ -29,6 +29,8 @@ _MAGIC_V1: Final = int(MAGIC_V1)
 _MIN_FRAME: Final = int(MIN_FRAME)
 _HEADER: Final = int(HEADER_V2)
 _CHECKSUM: Final = int(CHECKSUM)
+_SIGNATURE: Final = int(SIGNATURE)
+_SIGNED: Final = int(SIGNED)
 
 
 def _crc_table() -> NDArray[np.uint16]:
@@ -128,22 +130,24 @@ def pack(batches: list[tuple[int, Table, Ints, Ints]], component: int) -> Payloa
 def kind_at(data: Bytes, at: int, size: int, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16]) -> int:
     """The kind of the frame in `size` bytes from `at` on; the last three are `TABLES`.
 
-    -1 where the bytes are not one whole, valid, unsigned MAVLink 2 frame.
+    -1 where the bytes are not one whole, valid MAVLink 2 frame.
     """
     if size < _HEADER + _CHECKSUM or data[at] != _MAGIC:
         return -1
     length = np.int64(data[at + 1])
-    if size != _HEADER + length + _CHECKSUM or data[at + 2] != 0:
+    end = at + _HEADER + length
+    flags = data[at + 2]
+    if flags & ~_SIGNED or size != end - at + _CHECKSUM + (_SIGNATURE if flags else 0):
         return -1
     number = np.int64(data[at + 7]) | np.int64(data[at + 8]) << 8 | np.int64(data[at + 9]) << 16
     if number >= kinds.shape[0] or kinds[number] < 0:
         return -1
     kind = np.int64(kinds[number])
     crc = np.int64(0xFFFF)
-    for place in range(at + 1, at + _HEADER + length):
+    for place in range(at + 1, end):
         crc = crc >> 8 ^ np.int64(crcs[(crc ^ np.int64(data[place])) & 0xFF])
     crc = crc >> 8 ^ np.int64(crcs[(crc ^ extras[kind]) & 0xFF])
-    if data[at + size - 2] == crc & 0xFF and data[at + size - 1] == crc >> 8:
+    if data[end] == crc & 0xFF and data[end + 1] == crc >> 8:
         return int(kind)
     return -1
 
@@ -182,15 +186,15 @@ def message_ids(payloads: Payloads) -> Ints:
 
 
 @kernel
-def _spread(data: Bytes, starts: Ints, sizes: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
+def _spread(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
     """Copy the payloads of some frames, zeros behind them, and their (sequence, system, component)."""
     for place in range(rows.shape[0]):
         row = rows[place]
         at = starts[row]
         for column in range(3):
             head[place, column] = data[at + 4 + column]
+        length = min(np.int64(data[at + 1]), raw.shape[1])
         at += _HEADER
-        length = min(sizes[row] - _HEADER - _CHECKSUM, raw.shape[1])
         for column in range(length):
             raw[place, column] = data[at + column]
         for column in range(length, raw.shape[1]):
@@ -260,7 +264,7 @@ def group(payloads: Payloads, kind: int, rows: Ints) -> Group:
     dtype = dtype_of(number)
     raw = np.empty((len(rows), dtype.itemsize), dtype=np.uint8)
     head = np.empty((len(rows), 3), dtype=np.int64)
-    _spread(payloads.data, payloads.starts, payloads.sizes, rows, head, raw)
+    _spread(payloads.data, payloads.starts, rows, head, raw)
     return Group(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
 
 

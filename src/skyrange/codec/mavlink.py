@@ -1,7 +1,8 @@
 """What does a MAVLink frame say, and how is one made? Decoding, packing, and cheap looks at headers.
 
 MAVLink 2 by pymavlink's ardupilotmega dialect; MAVLink 1 is read, never written. Signatures are
-accepted on input and **not verified**; output is unsigned, as ArduPilot's is by default.
+accepted on input and **not verified**, which is for those who hold a key (`codec.signing`); output is unsigned, as
+ArduPilot's is by default.
 
 Decoded messages are memoised by payload and therefore shared: treat them as immutable. Arrays are
 tuples. To change one, build another with the class of `dialect`.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from skyrange.agent.payloads import Bytes, Ints, Payloads
 from skyrange.codec.columns import KINDS, TABLES, dtype_of, kind_at, kind_of
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS
+from skyrange.codec.wire import HEADER_V2, LAYOUTS
 from skyrange.core.compiled import kernel
 from skyrange.core.time import Time
 from skyrange.gcs.belief import Beliefs, Watch
@@ -30,7 +30,6 @@ def _offset(message_id: int, name: str) -> int:
 
 
 _HEADER: Final = int(HEADER_V2)
-_FRAMING: Final = int(HEADER_V2 + CHECKSUM)
 _WIDEST: Final = max(layout.size for layout in LAYOUTS.values())
 _HEARTBEAT: Final = kind_of(mav.MAVLINK_MSG_ID_HEARTBEAT)
 _BASE_MODE: Final = _offset(mav.MAVLINK_MSG_ID_HEARTBEAT, "base_mode")
@@ -97,7 +96,7 @@ def _read(
         if slot < 0:
             return row
         body = latest[slot, place]
-        length = min(sizes[row] - _FRAMING, body.shape[0])
+        length = min(np.int64(data[at + 1]), body.shape[0])
         for column in range(length):
             body[column] = data[at + _HEADER + column]
         for column in range(length, body.shape[0]):

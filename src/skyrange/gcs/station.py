@@ -18,6 +18,8 @@ from skyrange.agent.messages import Arrival, Inbox, Outbox, Scalar
 from skyrange.codec.columns import dtype_of, pack
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.numbering import RowPacker, number
+from skyrange.codec.signed_mail import Connection, SignedMail
+from skyrange.codec.signing import SigningKey
 from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
@@ -41,6 +43,8 @@ from skyrange.remoteid.tracks import TrackTable
 from skyrange.utm.messages import DecisionBody, decode_response
 
 SERVICE_NS = 20 * NS_PER_MS
+LINK_ID = 0
+"""In signatures: it has one MAVLink connection with each aircraft (pymavlink's default)."""
 MAX_SYSTEM_ID = 250
 """Above are ground stations and the like; 0 broadcasts."""
 
@@ -59,10 +63,12 @@ class GroundStation:
         *,
         streams: str = "light",
         lookout: Lookout | None = None,
+        key: SigningKey | None = None,
         service_ns: Time = SERVICE_NS,
     ) -> None:
         """Plans must be free of faults (`checks.check`); `lookout` is of this operator's ground receivers.
 
+        With a `key` it signs what it sends to aircraft, and believes none that does not sign with the same.
         Raises `InputError` for another operator's vehicle, a vehicle or system id given twice or out of
         range, or an unknown profile of `streams`.
         """
@@ -94,6 +100,10 @@ class GroundStation:
         self.bad_approvals = 0
         """Frames on the approval link that were not understood or not asked for."""
         self._places = {port: place for place, port in enumerate(self.ports)}
+        self._signed: SignedMail | None = None
+        if key is not None:
+            ends = [Connection(pilot.flight.vehicle, key, pilot.port, pilot.port) for pilot in self._pilots]
+            self._signed = SignedMail(self.ports, ends, LINK_ID, "decision.signature_refused")
         self._by_intent: dict[str, int] = {}
         self._heap: list[tuple[Time, int]] = [(0, place) for place in range(len(flights))]
         self._queued: list[Time] = [0] * len(flights)
@@ -131,11 +141,15 @@ class GroundStation:
             self._beat(out)
         if self.lookout is not None and self.lookout.due <= now:
             self.lookout.look(now, out)
+        if self._signed is not None:
+            self._signed.seal(now, out)
         return out
 
     def _read(self, now: Time, inbox: Inbox, out: Outbox) -> None:
         """Decode all that came; what only renews what is known is taken in at once, the rest read in order."""
         table = inbox.columns(self._places)
+        if self._signed is not None:
+            table = self._signed.open(now, inbox, table, out)
         reports = np.flatnonzero(table.places > len(self._pilots))
         if self.lookout is not None and reports.size:
             self.lookout.hear(now, inbox, table.order[reports], out)

@@ -41,7 +41,7 @@ _SLACK_S = 0.05
 class Sitl:
     """One process with its serial ports; what it flies is a `model` of its own.
 
-    `serial` are its ports 0 and 1, once it has connected.
+    `serial` are its ports 0 and 1, once it has connected; in the other order where they are `crossed`.
     """
 
     def __init__(
@@ -56,6 +56,7 @@ class Sitl:
         start_unix_s: int,
         parameters: str,
         options: Sequence[str] = (),
+        crossed: bool = False,
         slack_s: float | None = None,
     ) -> None:
         """Start it in `folder`, which is empty and its own; returns at once.
@@ -74,6 +75,8 @@ class Sitl:
         self._sticks = _apart()
         sticks = self._sticks.getsockname()[1]
         paths = [f"tcpclient:{LOOPBACK}:{listener.getsockname()[1]}" for listener in self._listeners]
+        if crossed:
+            paths.reverse()
         self.program = Program(
             name,
             [
@@ -160,6 +163,7 @@ class LockstepSitl(Sitl):
         start_unix_s: int,
         parameters: str,
         options: Sequence[str] = (),
+        crossed: bool = False,
         logs: bool = False,
     ) -> None:
         """Start it, as `Sitl`; it waits for its first line.
@@ -178,7 +182,7 @@ class LockstepSitl(Sitl):
         super().__init__(
             name, binary, folder, model=f"JSON:{LOOPBACK}", home=home, system_id=system_id, start_unix_s=start_unix_s,
             parameters=parameters, options=("--sim-port-out", str(self._physics.getsockname()[1]), *options),
-            slack_s=None if logs else _SLACK_S,
+            crossed=crossed, slack_s=None if logs else _SLACK_S,
         )  # fmt: skip
 
     @property

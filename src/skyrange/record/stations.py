@@ -44,7 +44,7 @@ class Seen:
     kinds: Ints
     """The message of each (`codec.columns.sort`), -1 where it is none."""
     singles: dict[int, tuple[int, int, int, bytes]] = field(default_factory=dict)
-    """Rows that only `decode` can read (MAVLink 1, signed): sequence, system, component, whole payload."""
+    """Rows that only `decode` can read (MAVLink 1): sequence, system, component, whole payload."""
 
     def __len__(self) -> int:
         return len(self.time_ns)

@@ -65,7 +65,7 @@ class Beliefs:
     def update(self, places: Ints, at_ns: Ints, payloads: Payloads) -> dict[int, Ints]:
         """Take in frames in their order; the rows of each message id that was heard.
 
-        Only whole, unsigned MAVLink 2 frames are read; others are counted in `bad`, as are strangers'.
+        Only whole MAVLink 2 frames are read; others are counted in `bad`, as are strangers'.
         """
         kinds = sort(payloads)
         heard: dict[int, Ints] = {}

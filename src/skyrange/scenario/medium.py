@@ -26,6 +26,7 @@ from skyrange.scenario.faults import spelled
 from skyrange.scenario.fleet import Vehicle
 from skyrange.scenario.operators import Operator
 from skyrange.scenario.schema import Scenario
+from skyrange.scenario.signing import keys_of
 from skyrange.vehicle.avoidance.contract import Avoidance
 from skyrange.vehicle.companion.companion import Companion
 from skyrange.vehicle.companion.spec import CompanionSpec
@@ -171,6 +172,7 @@ def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Con
                 broadcast_of(operator, vehicle, scenario),
                 avoidance,
                 vehicle.plan.speed_mps or CRUISE_MPS,
+                keys_of(scenario, operator).aircraft,
             )
         )
     return Companion(COMPANIONS, aboard, scenario.origin.datum, chance) if aboard else None

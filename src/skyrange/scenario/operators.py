@@ -11,6 +11,7 @@ from skyrange.agent.plugins import APPROVALS
 from skyrange.core.errors import nearest
 from skyrange.scenario.base import Id, Model, known, wrong
 from skyrange.scenario.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
+from skyrange.scenario.signing import Signing
 
 COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
@@ -58,6 +59,11 @@ class Operator(Model):
     )
     params: Params = Field(
         default_factory=dict, description="Autopilot parameters of all its aircraft, unless one sets its own."
+    )
+    signing: Signing = Field(
+        default="off",
+        description="MAVLink 2 signing between its ground station and its aircraft: off, on, or on with a ground "
+        "station that holds another key than they do.",
     )
     station: AnyStation = None
     remote_id: Broadcasts = None

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from skyrange.codec.signing import SigningKey
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
@@ -12,7 +14,7 @@ class VehicleSpec:
 
     `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter
     parameters in their own units that replace defaults. `wind_enu_mps` is where the air goes without its gusts, for
-    engines whose dynamics are their own.
+    engines whose dynamics are their own. With a `signing_key` its MAVLink is signed, and commands have to be.
     """
 
     vehicle: str
@@ -23,3 +25,4 @@ class VehicleSpec:
     params: Mapping[str, float] = field(default_factory=dict)
     network: int = 0
     wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    signing_key: SigningKey | None = field(default=None, repr=False)

@@ -10,6 +10,7 @@ from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record.folder import PARTS
 from skyrange.record.merge import gather
 from skyrange.runtime.live.launch import part_of
+from skyrange.runtime.live.plan import LOOPBACK
 from skyrange.runtime.live.range import Range
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
@@ -28,7 +29,7 @@ def merge(flown: Range, status: str, failure: SkyrangeError | None) -> None:
         flown.recorder.close("failed", {"error": str(error)} | extra)
         raise
     flown.recorder.close(status, {**found, **extra})
-    shutil.rmtree(flown.folder / PARTS)
+    shutil.rmtree(flown.folder / PARTS, ignore_errors=True)  # none where nothing was started
 
 
 def _parts(flown: Range) -> list[str]:
@@ -55,8 +56,10 @@ def _live(flown: Range) -> dict[str, Any]:
         "outside": sorted(flown.plan.outside),
         "links": {one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in flown.crossings},
         "hosts": {node.name: node.host for node in flown.plan.nodes} if flown.plan.others else {},
+        "namespaces": dict(flown.spaces.names) if flown.spaces is not None else {},
         "clocks": flown.clocks,
         "refused": flown.refused,
+        "viewers": {vehicle: f"tcp://{LOOPBACK}:{port}" for vehicle, port in flown.watched},
         "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
         "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
         "ended": {member.name: member.ended for member in flown.members.values() if member.ended},

@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 from skyrange.core.errors import Fault, InputError
+from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
 from skyrange.io.curve_keys import Keys
 from skyrange.io.programs import Program
 from skyrange.record import Recorder
 from skyrange.runtime.live.addresses import Crossing, check_free, crossings
 from skyrange.runtime.live.control import Message
-from skyrange.runtime.live.plan import Group, Plan, plan
+from skyrange.runtime.live.namespaces import Namespaces, namespaces
+from skyrange.runtime.live.plan import Group, Plan, component_of, plan
+from skyrange.runtime.live.viewing import Watched, watched
 from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import OnDeath, Scenario
 from skyrange.scenario.wire import Rig, wire
@@ -67,6 +70,12 @@ class Range:
     keys: Keys | None = None
     """The range's own and those of the machines that may join; `None` for a range of one machine."""
     control_port: int = 0
+    spaces: Namespaces | None = None
+    """The networks of operators and aircraft, if they have their own on this machine."""
+    motion: bool = False
+    """Whether vehicles outside the range may be moved, where the scenario allows it too."""
+    watched: Watched = ()
+    """Aircraft that viewers see, and where."""
     members: dict[str, Member] = field(default_factory=dict)
     waits_for: list[str] = field(default_factory=list)
     """Addresses of machines that have not joined yet."""
@@ -82,6 +91,11 @@ class Range:
     def folder(self) -> Path:
         """The run's folder."""
         return self.recorder.path
+
+    @property
+    def joining(self) -> tuple[str, ...]:
+        """The addresses of the machines that have to join."""
+        return tuple(one for one in self.plan.others if self.spaces is None or one not in self.spaces.names)
 
     @property
     def now_s(self) -> float:
@@ -103,23 +117,35 @@ def prepare(
     port_offset: int = 0,
     on_death: OnDeath | None = None,
     keys: Keys | None = None,
+    netns: bool = False,
+    motion: bool = False,
+    viewer_port: int | None = None,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
-    `on_death` stands over the scenario's.
+    `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, as `runtime.viewers`
+    has it; no offset moves that.
     Raises `InputError` with all that is wrong, before anything is written.
     """
-    rig = wire(scenario)
+    rig = wire(scenario, motion=motion)
     links = rig.wiring.links
-    planned = plan(links, group, outside, scenario.hosts)
+    if netns and scenario.hosts:
+        raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")
+    components = {component_of(end) for spec in links for end in (spec.a, spec.b)}
+    spaces = namespaces(sorted(components)) if netns else None
+    planned = plan(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
     places = crossings(links, planned, port_offset)
-    if planned.others and keys is None:
+    if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
         raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
-    check_free([one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base])
+    here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
+    check_free([one for one in here if spaces is None])  # in networks that are not there yet nobody is
     _check_attacks(rig)
     control_port = CONTROL_PORT + port_offset if planned.others else 0
-    return Range(rig, planned, places, open_record(rig, out), on_death or scenario.live.on_death, keys, control_port)
+    fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
+    seen = watched(fleet, viewer_port) if viewer_port is not None else ()
+    death = on_death or scenario.live.on_death
+    return Range(rig, planned, places, open_record(rig, out), death, keys, control_port, spaces, motion, seen)
 
 
 def _check_attacks(rig: Rig) -> None:

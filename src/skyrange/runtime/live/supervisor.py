@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Final
 
@@ -49,7 +49,7 @@ def fly(flown: Range, on_look: OnLook | None = None) -> Path:
     `on_look` is called ten times a second. Raises `ComponentError` where a node or a machine does not come up or dies,
     `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
     """
-    with Interruptible() as interrupt:
+    with flown.spaces or nullcontext(), Interruptible() as interrupt:
         return asyncio.run(_Supervisor(flown, on_look or _nothing, interrupt).fly())
 
 
@@ -68,7 +68,7 @@ class _Supervisor:
         self._passes: Passes = issue(public)
         peers = frozenset({self._passes.desk.public}) | (flown.keys.peers if flown.keys is not None else frozenset())
         self._desk = Desk(Keys(public, secret, peers))
-        others = {address: Machine(address) for address in flown.plan.others}
+        others = {address: Machine(address) for address in flown.joining}
         self._machines = Machines(flown.rig.scenario.name, self._desk, self._on_ended, others)
 
     async def fly(self) -> Path:
@@ -138,7 +138,13 @@ class _Supervisor:
             await self._machines.give(address, flown.rig.attachments, orders)
         for node in flown.plan.nodes:
             if node.host not in self._machines.members:
-                flown.members[node.name].program = launch.start(flown.folder, self._orders(node.name))
+                self._launch(flown.members[node.name])
+
+    def _launch(self, member: Member) -> None:
+        """Start a process on this machine."""
+        flown = self._range
+        through = flown.spaces.through(member.host) if flown.spaces is not None else ()
+        member.program = launch.start(flown.folder, self._orders(member.name), through)
 
     def _orders(self, name: str) -> Orders:
         flown = self._range
@@ -153,6 +159,8 @@ class _Supervisor:
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
             passes=self._passes,
             anew=start > 1,
+            motion=flown.motion,
+            watched=flown.watched if node.name == WORLD else (),
         )
 
     async def _start(self) -> None:
@@ -209,11 +217,10 @@ class _Supervisor:
         """The next of its name, which `_hear` brings up while the others fly."""
         dead.deaths.append(dead.ended)
         dead.state, dead.ended, dead.status, dead.gone = "starting", "", {}, False
-        orders = self._orders(dead.name)
         if dead.host in self._machines.members:
-            await self._machines.give(dead.host, {}, [orders])
+            await self._machines.give(dead.host, {}, [self._orders(dead.name)])
         else:
-            dead.program = launch.start(self._range.folder, orders)
+            self._launch(dead)
 
     def _bury(self) -> None:
         """Notice those that have ended without a word."""

@@ -37,6 +37,7 @@ _GLYPHS = {
     "event.estimator": ("alarm", "estimator"),
     "event.glitch": ("alarm", "GNSS glitch"),
     "event.ekf_failsafe": ("alarm", "estimator failsafe"),
+    "event.signature_refused": ("alarm", "signature refused"),
     "event.outcome": ("outcome", "mission complete"),
 }
 _SHAPES = {

@@ -17,6 +17,8 @@ from skyrange.vehicle.spec import VehicleSpec
 
 class _Factory:
     options = Options
+    signs = True
+    """They obey `VehicleSpec.signing_key`."""
 
     def __call__(
         self,

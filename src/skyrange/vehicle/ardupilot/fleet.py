@@ -1,7 +1,8 @@
 """What have all fleets of ArduPilot processes in common? Parameters, start, mail, fixes, what is heard, and the end.
 
 `lockstep` and `native` differ in whose physics they fly by, and so in how time passes. In both, serial port 0 of each
-process is the link `autopilot`; port 1 is private: GNSS goes in, and what it tells of itself comes out.
+process is the link `autopilot`; port 1 is private: GNSS goes in, and what it tells of itself comes out. Where
+MAVLink is signed it is the other way round (`parameters.crossed`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
 from skyrange.agent.messages import Inbox, Outbox
 from skyrange.codec.mavlink import Deframer, Message, Packer, decode, dialect
+from skyrange.codec.signing import is_signed
 from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
@@ -39,7 +41,7 @@ QUANTUM_NS: Time = 2_500_000
 WARM_UP_NS: Time = 45 * NS_PER_S
 """Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
 PRIVATE = 1
-"""The serial port that no ground station hears."""
+"""The place of the serial port that no ground station hears."""
 START_S = 60.0
 """Wall seconds in which a process has to have come up, and in which it has to answer while it boots."""
 OPEN = 2
@@ -64,6 +66,8 @@ class Instance:
     witness: Witness = field(default_factory=Witness)
     asked: int = 0
     """How many reports the private port has been asked for."""
+    signs: bool = False
+    """What it says on its public port is signed."""
 
     @property
     def alive(self) -> bool:
@@ -168,6 +172,8 @@ class Fleet(ABC):
         opened = self._options.opened(len(self._specs))
         for row, spec in enumerate(self._specs):
             values = self._values(spec, int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS)
+            if spec.signing_key is not None:
+                values = parameters.crossed(values, self._listed)
             if self._options.keep_logs:
                 values["LOG_BACKEND_TYPE"] = 1.0
             east_m, north_m, up_m = spec.home_enu_m
@@ -180,6 +186,7 @@ class Fleet(ABC):
                 "system_id": spec.system_id,
                 "start_unix_s": (self._epoch.unix_ns + tick - (WARM_UP_NS - self.preroll_ns)) // NS_PER_S,
                 "parameters": parameters.text_of(values),
+                "crossed": spec.signing_key is not None,
                 "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
             }
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
@@ -273,7 +280,10 @@ class Fleet(ABC):
                     outbox.note(kind, one.spec.vehicle, told)
         if one.witness.mode >= 0 and one.asked < len(self.reports):
             self._ask(one)
-        if one.status is InstanceStatus.BOOTING and one.witness.flags & POSITIONED:
+        paired = one.signs or one.spec.signing_key is None
+        if one.witness.mode >= 0 and not paired:
+            self._pair(one)
+        if one.status is InstanceStatus.BOOTING and paired and one.witness.flags & POSITIONED:
             one.status = InstanceStatus.READY
 
     @abstractmethod
@@ -283,12 +293,20 @@ class Fleet(ABC):
     def _pass_on(self, tick: Time, row: int, one: Instance, data: bytes, outbox: Outbox) -> None:
         """Its public port is the link `autopilot`."""
         for piece in one.deframer.feed(data):
+            one.signs |= not piece.garbage and is_signed(piece.data)
             if tick < 0:
                 continue
             outbox.send(self.ports[row], piece.data)
             if not piece.garbage:
                 for kind, told in one.witness.said(piece.data):
                     outbox.note(kind, one.spec.vehicle, told)
+
+    def _pair(self, one: Instance) -> None:
+        """Tell it its key, on the private port; it keeps it when it begins anew, and never acknowledges it."""
+        key = one.spec.signing_key
+        assert key is not None
+        setup = dialect.MAVLink_setup_signing_message(one.spec.system_id, 1, list(key.secret), key.initial)
+        one.sitl.write(PRIVATE, one.onboard.pack(setup))
 
     def _ask(self, one: Instance) -> None:
         """Ask the private port for its next report."""

@@ -66,6 +66,8 @@ SETS: Final = frozenset(
     ("GPS1_TYPE", "MAV2_OPTIONS", "GPS1_DELAY_MS", "MAV_SYSID", "SYSID_THISMAV", "SERIAL0_PROTOCOL", "SERIAL1_PROTOCOL")
 )
 """Not a scenario's: the range lives by them."""
+PRIVATE_OPTIONS: Final = 3.0
+"""MAVn_OPTIONS of a private channel beside a signed one: neither signed nor forwarded (GCS.h `Option`)."""
 _OLD: Final = {"GPS1_TYPE": "GPS_TYPE", "GPS1_DELAY_MS": "GPS_DELAY_MS"}
 
 
@@ -128,6 +130,20 @@ def _values(
     if faults:
         raise InputError(f"params of {who}", faults)
     return values
+
+
+def crossed(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[str, float]:
+    """The same where serial ports 0 and 1 change places, because MAVLink is signed.
+
+    On its first channel ArduPilot believes anybody (GCS_Signing.cpp `accept_unsigned_callback`), as if it were USB:
+    so that one is the private port, and the link `autopilot` is its second.
+    """
+    swapped = {
+        "MAV1_OPTIONS": PRIVATE_OPTIONS,
+        "MAV2_OPTIONS": values.get("MAV1_OPTIONS", 0.0),
+        "DID_MAVPORT": {0.0: 1.0, 1.0: 0.0}.get(values.get("DID_MAVPORT", 0.0), values.get("DID_MAVPORT", 0.0)),
+    }
+    return {**values, **{name: value for name, value in swapped.items() if name in listed}}
 
 
 def text_of(values: Mapping[str, float]) -> str:

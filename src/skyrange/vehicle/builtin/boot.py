@@ -32,6 +32,7 @@ def reboot(fleet: Fleet, schedule: Schedule, craft: Craft, causes: Causes) -> No
     craft.packer.sequence = 0
     fleet.systems[row] = craft.system_id
     fleet.boot_ns[row] = fleet.now
+    fleet.rebooted.append(craft.id)
     fleet.take_mode(craft, Mode.STABILIZE)
     craft.paused, craft.beneath, craft.resumes = False, (), False
     sticks_in.place(fleet, craft)

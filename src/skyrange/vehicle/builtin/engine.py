@@ -17,6 +17,7 @@ from skyrange.agent.contracts import Finished, Sensors
 from skyrange.agent.messages import Arrival, Inbox, Outbox
 from skyrange.codec.mavlink import decode, dialect
 from skyrange.codec.numbering import RowPacker
+from skyrange.codec.signed_mail import Connection, SignedMail
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.geodesy import Origin
@@ -56,6 +57,9 @@ from skyrange.world.airframes import AIRFRAMES, MOTORS
 QUANTUM_S = 0.0025
 """The first step; later ones are as long as the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
 PHASE_STREAM = "vehicle.boot_phase"
+LINK_ID = 1
+"""In signatures, the number of its telemetry port: channel 0 is USB, which ArduPilot lets anybody command unsigned
+(GCS_Signing.cpp), and which no link of the range is."""
 
 
 Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
@@ -98,6 +102,8 @@ class BuiltinFleet:
     repeatable: Literal["bytes", "outcome"] = "bytes"
     preroll_ns: Time = 0
     moves: Sequence[str] = ()
+    signs = True
+    """It obeys `VehicleSpec.signing_key`."""
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> None:
         """Build the fleet, standing disarmed in STABILIZE. Chance only sets when within a second each one reports.
@@ -123,6 +129,12 @@ class BuiltinFleet:
         flight["landed"] = 1
         self.ports = [craft.port for craft in crafts]
         self._places = {craft.port: craft.row for craft in crafts}
+        signed = [
+            Connection(craft.id, spec.signing_key, craft.port, craft.port)
+            for craft, spec in zip(crafts, specs, strict=True)
+            if spec.signing_key is not None
+        ]
+        self._signed = SignedMail(self.ports, signed, LINK_ID, "event.signature_refused") if signed else None
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
         self._fleet.stored[:] = stored
@@ -154,6 +166,8 @@ class BuiltinFleet:
             resets.tell(fleet, self._estimator.filters)
         if len(inbox):
             mail = inbox.columns(self._places)
+            if self._signed is not None:
+                mail = self._signed.open(tick, inbox, mail, fleet.outbox)
             for row in take_heartbeats(fleet, mail):
                 self._receive(inbox.arrival(mail.order.item(row)))
         if loop.turn(
@@ -164,6 +178,11 @@ class BuiltinFleet:
             self._act_on_timers(tick)
             service.serve(fleet, self._actuators)
             self._schedule.send_due(fleet)
+        if self._signed is not None:
+            for vehicle in fleet.rebooted:
+                self._signed.start(tick, vehicle)
+            self._signed.seal(tick, fleet.outbox)
+        fleet.rebooted.clear()
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands (n, 4), and what was said in this tick. Never waits."""

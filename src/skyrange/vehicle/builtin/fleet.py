@@ -234,6 +234,8 @@ class Fleet:
         """(n,) each craft's mode as it is shown, for reports."""
         self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         """(n,) when each was switched on."""
+        self.rebooted: list[str] = []
+        """Aircraft that were switched off and on in this tick."""
 
     def send(self, craft: Craft, message: Any, causes: Causes = ()) -> None:
         """Pack and send one message from a craft."""

@@ -21,6 +21,7 @@ from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.open_drone_id import to_mavlink
 from skyrange.codec.rid_link import read_rows
+from skyrange.codec.signed_mail import Connection, SignedMail
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
@@ -44,6 +45,8 @@ FLOOR_M: Final = 5.0
 """Below this height above home, taking off and landing, it does not interfere."""
 GOAL_NS: Final[Time] = 5 * NS_PER_S
 """A goal that was not told again for so long is none."""
+LINK_ID: Final = 0
+"""In signatures: it has one MAVLink connection."""
 _SIDES: Final = 3  # rid_data, rid_up, rid_down
 _COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
 """What is counted, and noted at 1, 2, 4, 8 …: a flood must not fill the record."""
@@ -69,6 +72,12 @@ class Companion:
         ]
         """Where it sends without listening."""
         self._places = {port: place for place, port in enumerate(self.ports)}
+        signed = [
+            Connection(spec.vehicle, spec.signing_key, self.ports[place * _SIDES], self.speaks[place])
+            for place, spec in enumerate(self.specs)
+            if spec.signing_key is not None
+        ]
+        self._signed = SignedMail(self.ports, signed, LINK_ID, "event.signature_refused") if signed else None
         self._origin = origin
         self._packers = [Packer(spec.system_id, wire.COMPONENT) for spec in self.specs]
         self._beliefs = Beliefs(np.array([spec.system_id for spec in self.specs], dtype=np.int64), origin.geoid_m)
@@ -109,7 +118,7 @@ class Companion:
         """Take in the mail, then do what is due."""
         out = Outbox()
         if len(inbox):
-            self._listen(inbox)
+            self._listen(now, inbox, out)
         if now >= self._look_ns:
             self._look_ns = now - now % LOOK_NS + LOOK_NS
             if self._avoids.any():
@@ -120,12 +129,16 @@ class Companion:
         sent = self._broadcaster.send(now, self._beliefs)
         if sent is not None:
             out.send_block(sent[0] * _SIDES + 1, sent[1])
+        if self._signed is not None:
+            self._signed.seal(now, out)
         return out
 
     # --- what comes in -------------------------------------------------------------------------
 
-    def _listen(self, inbox: Inbox) -> None:
+    def _listen(self, now: Time, inbox: Inbox, out: Outbox) -> None:
         mail = inbox.columns(self._places)
+        if self._signed is not None:
+            mail = self._signed.open(now, inbox, mail, out)
         side, vehicle = mail.places % _SIDES, mail.places // _SIDES
         data = np.flatnonzero(side == 0)
         if data.size:

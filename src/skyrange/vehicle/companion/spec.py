@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from skyrange.codec.signing import SigningKey
 from skyrange.remoteid.profiles import Broadcast
 from skyrange.vehicle.avoidance.contract import Avoidance
 
@@ -18,3 +19,5 @@ class CompanionSpec:
     avoidance: Avoidance | None = None
     cruise_mps: float = 10.0
     """The mission's speed over ground, which is kept while avoiding and after."""
+    signing_key: SigningKey | None = field(default=None, repr=False)
+    """Its autopilot's, where that is signed: it signs what it commands, and believes what is signed with it."""

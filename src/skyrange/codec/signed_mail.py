@@ -1,0 +1,115 @@
+"""How does an agent sign what it sends, and refuse what nobody signed? Its boxes, looked through before and after.
+
+Only the connections that have a key are touched: what goes over the agent's other ports passes as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyrange.agent.messages import Block, Columns, Departure, Inbox, Outbox, Scalar
+from skyrange.agent.payloads import Payloads
+from skyrange.codec.columns import sort
+from skyrange.codec.mavlink import decode, message_name
+from skyrange.codec.signing import Refusal, Signer, SigningKey
+from skyrange.core.errors import DecodeError
+from skyrange.core.ids import Port
+from skyrange.core.time import Time
+
+_REASONS: Final = tuple(Refusal)
+
+
+class Connection(NamedTuple):
+    """One that is signed: whose it is, its key, and the ports over which its end hears and speaks."""
+
+    about: str
+    """The aircraft, for notes."""
+    key: SigningKey
+    hears: Port
+    speaks: Port
+
+
+class SignedMail:
+    """The signing of all connections of one agent. Deep-copyable."""
+
+    def __init__(self, ports: Sequence[Port], connections: Sequence[Connection], link: int, note: str) -> None:
+        """`ports` are the agent's; `link` is the link id that its frames carry; `note` the kind that tells refusals."""
+        self._connections = tuple(connections)
+        self._signers = [Signer(one.key, link) for one in connections]
+        self._note = note
+        self._speaks = {one.speaks: number for number, one in enumerate(connections)}
+        hears = {one.hears: number for number, one in enumerate(connections)}
+        self._heard = np.array([hears.get(port, -1) for port in ports], dtype=np.int64)
+        self._said = np.array([self._speaks.get(port, -1) for port in ports], dtype=np.int64)
+        self._counts = np.zeros((len(self._signers), len(_REASONS)), dtype=np.int64)
+        self._started = False
+
+    def start(self, now: Time, about: str | None = None) -> None:
+        """Switch on all connections, or those of one aircraft."""
+        for one, signer in zip(self._connections, self._signers, strict=True):
+            if about is None or one.about == about:
+                signer.start(now)
+
+    @property
+    def refused(self) -> int:
+        """Frames that were not believed."""
+        return int(self._counts.sum())
+
+    def open(self, now: Time, inbox: Inbox, mail: Columns, out: Outbox) -> Columns:
+        """The mail without what is not believed; refusals are counted, and noted at their 1st, 2nd, 4th, 8th …
+
+        What is no whole frame is left for the reader to count: a checksum stands before a signature.
+        """
+        self._begin(now)
+        rows = np.flatnonzero(self._heard[mail.places] >= 0)
+        mine = mail.payloads.take(rows)
+        keep = np.ones(len(mail.payloads), dtype=np.bool_)
+        numbers = self._heard[mail.places[rows]].tolist()
+        for row, number, kind, frame in zip(rows.tolist(), numbers, sort(mine).tolist(), mine, strict=True):
+            found = self._signers[number].refusal(frame) if kind >= 0 else self._refusal_of_other(number, frame)
+            if found is not None:
+                keep[row] = False
+                self._refuse(number, found, frame, inbox, mail.order.item(row), out)
+        return mail if keep.all() else mail.take(np.flatnonzero(keep))
+
+    def seal(self, now: Time, out: Outbox) -> None:
+        """Sign all that is sent over signed connections, in the order in which it leaves."""
+        self._begin(now)
+        for place, departure in enumerate(out.departures):
+            number = self._speaks.get(departure.port)
+            if number is not None:
+                frame = self._signers[number].sign(departure.payload)
+                out.departures[place] = Departure(departure.port, frame, departure.causes)
+        for place, block in enumerate(out.blocks):
+            numbers = self._said[block.places]
+            if (numbers < 0).all():
+                continue
+            frames = [
+                self._signers[number].sign(frame) if number >= 0 else frame
+                for number, frame in zip(numbers.tolist(), block.payloads, strict=True)
+            ]
+            out.blocks[place] = Block(block.places, Payloads.of(frames), block.parents)
+
+    def _begin(self, now: Time) -> None:
+        if not self._started:
+            self._started = True
+            self.start(now)
+
+    def _refusal_of_other(self, number: int, frame: bytes) -> Refusal | None:
+        """A frame that no column holds: MAVLink 1, which is never signed, or no frame at all."""
+        try:
+            decode(frame)
+        except DecodeError:
+            return None
+        return self._signers[number].refusal(frame)
+
+    def _refuse(self, number: int, why: Refusal, frame: bytes, inbox: Inbox, order: int, out: Outbox) -> None:
+        column = _REASONS.index(why)
+        self._counts[number, column] += 1
+        count = self._counts.item(number, column)
+        if count & (count - 1) == 0:  # a flood must not fill the record
+            data: dict[str, Scalar] = {"count": count, "reason": str(why), "message": message_name(frame)}
+            out.note(self._note, self._connections[number].about, data, (inbox.arrival(order).ref,))

@@ -1,0 +1,140 @@
+"""Who made this MAVLink 2 frame? Message signing: the 13 bytes behind a frame, and the rules by which it is believed.
+
+Sources: https://mavlink.io/en/guide/message_signing.html ("Frame Format", "Timestamp Handling", "Accepting Signed
+Packets", "Accepting Unsigned Packets"); MAVLink's C library, mavlink_helpers.h (`mavlink_sign_packet`,
+`mavlink_signature_check`), and ArduPilot's GCS_Signing.cpp (`accept_unsigned_callback`), which these rules follow.
+
+A model of the defence: its keys protect a simulated link and are no secrets.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from hashlib import sha256
+from typing import Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from skyrange.codec.mavlink import message_id
+from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
+from skyrange.core.time import NS_PER_S, NS_PER_US, Time
+
+KEY_BYTES: Final = 32
+ZERO_UNIX_NS: Final = 1_420_070_400 * NS_PER_S
+"""Timestamps count from 2015-01-01T00:00:00Z ("Timestamp Handling")."""
+UNIT_NS: Final[Time] = 10 * NS_PER_US
+LAST_TIMESTAMP: Final = 2**48 - 1
+"""48 bits, which last until 2104."""
+BEHIND: Final = 6_000_000
+"""How far a new stream may be behind one's own timestamp: a minute ("Timestamp Handling", last rule)."""
+MAX_STREAMS: Final = 16
+"""MAVLINK_MAX_SIGNING_STREAMS: streams beyond are refused, so that memory is bounded."""
+ACCEPTED_UNSIGNED: Final = frozenset((int(dialect.MAVLINK_MSG_ID_RADIO_STATUS), int(dialect.MAVLINK_MSG_ID_RADIO)))
+"""What is believed of anybody: telemetry radios hold no key (GCS_Signing.cpp `accept_list`)."""
+_DIGEST: Final = 6
+_STAMP: Final = 6
+
+
+class Refusal(StrEnum):
+    """Why a frame is not believed."""
+
+    UNSIGNED = "not signed"
+    WRONG = "wrong signature"
+    REPLAYED = "timestamp not after the last"
+    OLD = "timestamp more than a minute behind"
+    CROWDED = "too many streams"
+
+
+class SigningKey(NamedTuple):
+    """What a component is paired with before the flight, as SETUP_SIGNING carries it."""
+
+    secret: bytes
+    """`KEY_BYTES` bytes."""
+    initial: int
+    """The timestamp at time 0 of the run."""
+
+
+def secret_of(passphrase: str) -> bytes:
+    """The 32 bytes that ground stations make of a passphrase: its SHA-256 ("Secret Key Management")."""
+    return sha256(passphrase.encode()).digest()
+
+
+def timestamp_of(unix_ns: int) -> int:
+    """The timestamp of a moment in UTC, in 10 µs since 2015, held inside its 48 bits."""
+    return min(max(unix_ns - ZERO_UNIX_NS, 0) // UNIT_NS, LAST_TIMESTAMP)
+
+
+def is_signed(frame: bytes) -> bool:
+    """Whether a whole frame carries a signature, whatever that is worth."""
+    return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
+
+
+def sign(frame: bytes, secret: bytes, link: int, timestamp: int) -> bytes:
+    """The signed form of an unsigned MAVLink 2 frame of the dialect: flag set, checksum made anew, 13 bytes added."""
+    end = HEADER_V2 + frame[1]
+    number = frame[7] | frame[8] << 8 | frame[9] << 16
+    covered = b"%c%c%c%b" % (frame[0], frame[1], SIGNED, frame[3:end])
+    crc = checksum(covered[1:], LAYOUTS[number].crc_extra)
+    covered += crc.to_bytes(CHECKSUM, "little") + (timestamp << 8 | link).to_bytes(1 + _STAMP, "little")
+    return covered + sha256(secret + covered).digest()[:_DIGEST]
+
+
+class Signer:
+    """One end of one connection: what it signs, and what of the other ends it believes. Deep-copyable.
+
+    As in the C library the timestamp is one number, which each frame sent raises by one, and each frame believed to
+    its own; time takes it further only at `start`.
+    """
+
+    __slots__ = ("key", "link", "streams", "timestamp")
+
+    def __init__(self, key: SigningKey, link: int) -> None:
+        """`link` 0…255 tells the connections of one component apart; `ValueError` for a key of another length."""
+        if len(key.secret) != KEY_BYTES:
+            raise ValueError(f"a key of {len(key.secret)} bytes, MAVLink's have {KEY_BYTES}")
+        self.key = key
+        self.link = link
+        self.timestamp = 0
+        self.streams: dict[tuple[int, int, int], int] = {}
+        """(system, component, link) → the last timestamp believed."""
+
+    def start(self, now: Time) -> None:
+        """Switched on, or on again: streams are forgotten, and the timestamp is the clock's or the stored one.
+
+        To what was stored a minute is added, so that no frame of before passes for one of a new stream
+        (GCS_Signing.cpp `load_signing_key`).
+        """
+        self.streams.clear()
+        stored = self.timestamp + BEHIND if self.timestamp else 0
+        self.timestamp = min(max(stored, self.key.initial + max(now, 0) // UNIT_NS), LAST_TIMESTAMP)
+
+    def sign(self, frame: bytes) -> bytes:
+        """The signed form of a frame to send."""
+        timestamp = self.timestamp & LAST_TIMESTAMP
+        self.timestamp += 1
+        return sign(frame, self.key.secret, self.link, timestamp)
+
+    def refusal(self, frame: bytes) -> Refusal | None:
+        """Why a whole frame with a right checksum is not believed; what is believed is remembered.
+
+        MAVLink 1 cannot be signed.
+        """
+        found = self._judge(frame) if is_signed(frame) else Refusal.UNSIGNED
+        return None if found is not None and message_id(frame) in ACCEPTED_UNSIGNED else found
+
+    def _judge(self, frame: bytes) -> Refusal | None:
+        if sha256(self.key.secret + frame[:-_DIGEST]).digest()[:_DIGEST] != frame[-_DIGEST:]:
+            return Refusal.WRONG
+        stream = (frame[5], frame[6], frame[-SIGNATURE])
+        timestamp = int.from_bytes(frame[-_DIGEST - _STAMP : -_DIGEST], "little")
+        last = self.streams.get(stream)
+        if last is None:
+            if len(self.streams) >= MAX_STREAMS:
+                return Refusal.CROWDED
+            if timestamp + BEHIND < self.timestamp:
+                return Refusal.OLD
+        elif timestamp <= last:
+            return Refusal.REPLAYED
+        self.streams[stream] = timestamp
+        self.timestamp = max(self.timestamp, timestamp)
+        return None

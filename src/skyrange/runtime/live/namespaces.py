@@ -1,0 +1,127 @@
+"""How do operators and aircraft get a network of their own? A namespace each, all on one bridge; Linux, and for root.
+
+In them packet tools (tc, Scapy, tcpdump, arpspoof) work as on a real network: `ip netns exec NAME COMMAND`. Each has
+the interface `eth0`; the world and the approval are on this machine's side, at the bridge's address.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.ids import owner_of
+from skyrange.runtime.live.plan import WORLD
+
+NETWORKS: Final = range(77, 128)
+"""10.N.0.0/16 is the network of a range, and `skyN` its bridge; the first that is free."""
+_NAMED: Final = Path("/run/netns")
+_PER_BYTE: Final = 250
+
+
+@dataclass(slots=True)
+class Namespaces:
+    """The networks of one range. They are there within `with`, and go with this process, however it ends."""
+
+    number: int
+    names: Mapping[str, str]
+    """Of namespaces, by address."""
+    hosts: Mapping[str, str]
+    """Addresses by pattern of components, as a scenario's `hosts`."""
+    _janitor: subprocess.Popen[bytes] | None = field(default=None)
+
+    @property
+    def bridge(self) -> str:
+        """The bridge's name, on this machine's side."""
+        return f"sky{self.number}"
+
+    def through(self, address: str) -> Sequence[str]:
+        """The command through which a process is started at an address; none for this machine's side."""
+        return ("ip", "netns", "exec", self.names[address]) if address in self.names else ()
+
+    def __enter__(self) -> Namespaces:
+        undo = [f"ip netns del {name}" for name in self.names.values()] + [f"ip link del {self.bridge}"]
+        # a process of its own, which outlives even our being killed: our end of its pipe closes, and it cleans up
+        command = ["/bin/sh", "-c", f"cat; {'; '.join(undo)}"]
+        self._janitor = subprocess.Popen(  # noqa: S603 (all of it is made here)
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        )
+        try:
+            _ip(
+                f"link add {self.bridge} type bridge",
+                f"addr add {self.hosts[WORLD]}/16 dev {self.bridge}",
+                f"link set {self.bridge} up",
+            )
+            for at, (address, name) in enumerate(self.names.items()):
+                port = f"{self.bridge}-{at}"
+                _ip(
+                    f"netns add {name}",
+                    f"link add {port} type veth peer name eth0 netns {name}",
+                    f"link set {port} master {self.bridge} up",
+                    f"-n {name} addr add {address}/16 dev eth0",
+                    f"-n {name} link set lo up",
+                    f"-n {name} link set eth0 up",
+                )
+        except ComponentError:
+            self._clean_up()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._clean_up()
+
+    def _clean_up(self) -> None:
+        if self._janitor is not None:
+            self._janitor.communicate()
+
+
+def namespaces(components: Sequence[str]) -> Namespaces:
+    """One for each ground station and one for each aircraft among `components`; nothing is made yet.
+
+    `InputError` without Linux, root or `ip`.
+    """
+    if not sys.platform.startswith("linux") or os.geteuid() != 0:
+        who = "another system" if not sys.platform.startswith("linux") else f"user {os.geteuid()}"
+        hint = "Run it with sudo, or several machines with hosts in the scenario."
+        raise InputError.one("live", "--netns", who, "Linux, and root, to make network namespaces", hint)
+    if shutil.which("ip") is None:
+        raise InputError.one("live", "--netns", "no `ip` command", "iproute2", "Install the package iproute2.")
+    number = next((one for one in NETWORKS if not _taken(one)), None)
+    if number is None:
+        hint = "`ip link` shows them; `ip link del skyN` removes one."
+        raise InputError.one("live", "--netns", "all its networks are in use", f"a free one of sky{NETWORKS[0]}…", hint)
+    owners = [one for one in components if one.endswith(".gcs")]
+    owners += dict.fromkeys(f"{owner_of(one)}.*" for one in components if one.endswith((".companion", ".proxy")))
+    hosts = {WORLD: f"10.{number}.0.1"}
+    names = {}
+    for at, pattern in enumerate(owners):
+        address = f"10.{number}.{1 + at // _PER_BYTE}.{1 + at % _PER_BYTE}"
+        hosts[pattern] = address
+        names[address] = f"sky{number}-{pattern.removesuffix('.*').replace('/', '-')}"
+    return Namespaces(number, names, hosts)
+
+
+def _taken(number: int) -> bool:
+    if Path(f"/sys/class/net/sky{number}").exists() or any(_NAMED.glob(f"sky{number}-*")):
+        return True
+    routes = Path("/proc/net/route")
+    prefix = f"{number:02X}0A"  # 10.N, little endian, at the end
+    return routes.exists() and any(
+        line.split()[1].endswith(prefix) for line in routes.read_text().splitlines()[1:] if len(line.split()) > 1
+    )
+
+
+def _ip(*commands: str) -> None:
+    for command in commands:
+        whole = ["ip", *command.split()]  # all of it is made here
+        done = subprocess.run(whole, capture_output=True, text=True, check=False)  # noqa: S603
+        if done.returncode:
+            raise ComponentError(
+                "live", f"ip {command}: {done.stderr.strip() or done.returncode}", "--netns needs root"
+            )

@@ -1,0 +1,51 @@
+"""Who holds which MAVLink signing key? A model of pairing: keys follow from the scenario and protect nothing real."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from skyrange.agent.plugins import AUTOPILOTS, find
+from skyrange.core.errors import Fault
+from skyrange.core.ids import vehicle_id
+
+if TYPE_CHECKING:
+    from skyrange.codec.signing import SigningKey
+    from skyrange.scenario.operators import Operator
+    from skyrange.scenario.schema import Scenario
+
+Signing = Literal["off", "on", "wrong-key"]
+
+
+class Keys(NamedTuple):
+    """What each side of an operator's network was paired with; None: it neither signs nor checks."""
+
+    aircraft: SigningKey | None
+    station: SigningKey | None
+
+
+def passphrase(seed: int, operator: str) -> str:
+    """What an operator's aircraft were paired with, as one would type it into a ground station."""
+    return f"skyrange/{seed}/{operator}"
+
+
+def keys_of(scenario: Scenario, operator: Operator) -> Keys:
+    """The keys of an operator of a scenario. With a wrong key, its ground station has that of another passphrase."""
+    from skyrange.codec.signing import SigningKey, secret_of, timestamp_of  # slow to import, and mostly off
+
+    if operator.signing == "off":
+        return Keys(None, None)
+    words, initial = passphrase(scenario.seed, operator.id), timestamp_of(scenario.epoch.unix_ns)
+    aircraft = SigningKey(secret_of(words), initial)
+    if operator.signing == "on":
+        return Keys(aircraft, aircraft)
+    return Keys(aircraft, SigningKey(secret_of(f"{words}/wrong"), initial))
+
+
+def signing_faults(scenario: Scenario) -> Iterator[Fault]:
+    """Aircraft that are to sign and whose autopilot cannot."""
+    for operator, vehicle in scenario.fleet:
+        if operator.signing != "off" and not getattr(find(AUTOPILOTS, vehicle.autopilot), "signs", False):
+            where = f"{vehicle_id(operator.id, vehicle.id)}.autopilot"
+            hint = 'builtin and ardupilot do; or set signing = "off".'
+            yield Fault(where, vehicle.autopilot, "an autopilot that signs its MAVLink", hint)

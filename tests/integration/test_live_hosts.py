@@ -1,0 +1,240 @@
+"""A live range over machines and networks: joined hosts with clocks of their own, keys, and namespaces that go again.
+
+Machines are network namespaces with a time namespace each: nothing is between them but the network, and their clocks
+show different times. Needs root, `ip` and `unshare` on Linux.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skyrange.record import load
+from tests.integration.test_live_range import until
+
+MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
+SKYRANGE = [sys.executable, "-c", MAIN]
+NET = f"sr{os.getpid() % 100_000}"
+BASE, OTHER = "10.199.0.1", "10.199.0.2"
+AHEAD_S = 5000
+"""What the other machine's clock shows more."""
+SCENARIO = """
+name = "hosts"
+seed = 4
+duration_s = {seconds}
+origin = [-35.363328, 149.1652241]
+{hosts}
+
+[[operators]]
+id = "blue"
+vehicles = [{{ id = "b1", plan = {{ path = {{ points = [[0.0, 10.0]], alt_m = 4.0 }}, end = "land" }} }}]
+"""
+HOSTS = f"""[hosts]
+world = "{BASE}"
+"blue.gcs" = "{OTHER}"
+"""
+
+
+def _can() -> bool:
+    if not sys.platform.startswith("linux") or os.geteuid() != 0 or not shutil.which("ip"):
+        return False
+    tried = ["unshare", "--net", "--time", "--monotonic", "1", "true"]
+    return shutil.which("unshare") is not None and subprocess.run(tried, capture_output=True).returncode == 0
+
+
+pytestmark = [
+    pytest.mark.integration,
+    pytest.mark.skipif(not _can(), reason="needs root, `ip` and `unshare` with time namespaces"),
+]
+
+
+def ip(command: str) -> None:
+    subprocess.run(["ip", *command.split()], check=True, capture_output=True)
+
+
+@pytest.fixture
+def machines() -> Iterator[tuple[list[str], list[str]]]:
+    """Two machines on one cable: what to put before a command so that it runs on the one or the other."""
+    a, b = f"{NET}a", f"{NET}b"
+    try:
+        for name in (a, b):
+            ip(f"netns add {name}")
+            ip(f"-n {name} link set lo up")
+        ip(f"link add eth0 netns {a} type veth peer name eth0 netns {b}")
+        for name, address in ((a, BASE), (b, OTHER)):
+            ip(f"-n {name} addr add {address}/24 dev eth0")
+            ip(f"-n {name} link set eth0 up")
+        clock = ["unshare", "--time", "--monotonic", str(AHEAD_S)]
+        yield ["ip", "netns", "exec", a], ["ip", "netns", "exec", b, *clock]
+    finally:
+        for name in (a, b):
+            subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    folder = tmp_path / "keys"
+    subprocess.run([*SKYRANGE, "keys", str(folder), "lab2"], check=True, capture_output=True)
+    return folder
+
+
+def begin(command: list[str], log: Path) -> subprocess.Popen[bytes]:
+    with log.open("wb") as output:
+        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+
+
+def live(folder: Path, keys: Path | None, seconds: float, hosts: str = HOSTS) -> list[str]:
+    path = folder / "hosts.toml"
+    path.write_text(SCENARIO.format(seconds=seconds, hosts=hosts))
+    joined = ["--keys", str(keys)] if keys is not None else []
+    return [*SKYRANGE, "live", str(path), "--out", str(folder / "run"), *joined]
+
+
+def node(key: Path, *options: str) -> list[str]:
+    return [*SKYRANGE, "node", "--join", BASE, "--key", str(key), *options]
+
+
+def manifest(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "run" / "manifest.json").read_text())
+    return found
+
+
+def test_a_scenario_flies_over_two_machines(tmp_path: Path, machines: Any, keys: Path) -> None:
+    here, there = machines
+    joined = begin([*there, *node(keys / "lab2.key_secret")], tmp_path / "node.log")
+    started = begin([*here, *live(tmp_path, keys, 36)], tmp_path / "live.log")
+    assert started.wait(240) == 0, (tmp_path / "live.log").read_text()
+    assert joined.wait(20) == 0, (tmp_path / "node.log").read_text()
+    said = manifest(tmp_path)
+    assert said["live"]["hosts"]["blue.gcs"] == OTHER
+    assert said["live"]["links"]["gcs:blue/b1"] == f"udp://{OTHER}:14555"
+    assert said["live"]["links"]["approval:blue"] == f"http://{BASE}:18080"
+    clock = said["live"]["clocks"][OTHER]
+    assert abs(clock["offset_s"] - AHEAD_S) <= clock["uncertainty_s"] < 0.1
+    assert clock["jumps"] == []
+    assert abs(clock["drift_ppm"]) < max(100.0, 5 * clock["drift_uncertainty_ppm"])
+    assert said["crossings"]["outside"] == 0
+    run = load(tmp_path / "run")
+    assert [row["state"] for row in run.manifest["outcomes"].values()] == ["complete"]
+    # the clocks are one: nothing arrives before it was sent
+    frames = [row for row in run.table("frames").to_pylist() if row["link"] == "gcs:blue/b1" and row["arrived_ns"]]
+    assert len(frames) > 100
+    assert all(row["arrived_ns"] > row["sent_ns"] for row in frames)
+    assert not (tmp_path / "run" / ".parts").exists()
+
+
+def test_keys_that_do_not_match_are_named_within_seconds(tmp_path: Path, machines: Any, keys: Path) -> None:
+    here, there = machines
+    strange = tmp_path / "strange"
+    subprocess.run([*SKYRANGE, "keys", str(strange), "lab9"], check=True, capture_output=True)
+    # one that the range does not know, but which knows the range
+    known = (keys / "lab2.key_secret").read_text().split("range-key")[1].splitlines()[0]
+    file = strange / "lab9.key_secret"
+    text = file.read_text()
+    knows = strange / "knows.key_secret"
+    knows.touch(mode=0o600)
+    knows.write_text(text.replace(text.split("range-key")[1].splitlines()[0], known))
+    started = begin([*here, *live(tmp_path, keys, 20)], tmp_path / "live.log")
+    try:
+        until(lambda: "waiting for" in (tmp_path / "live.log").read_text(), 60, "the range waits")
+        for key, words in ((knows, "does not know it"), (file, "has another")):
+            began = time.monotonic()
+            done = subprocess.run([*there, *node(key)], capture_output=True, text=True, timeout=60, check=False)
+            assert done.returncode == 2
+            assert words in done.stderr
+            assert time.monotonic() - began < 15.0
+        assert not (tmp_path / "run" / ".parts").exists()
+    finally:
+        started.send_signal(signal.SIGINT)
+        assert started.wait(60) == 4
+    assert manifest(tmp_path)["live"]["refused"] > 0
+
+
+def test_where_no_range_answers_is_said(keys: Path) -> None:
+    command = [*SKYRANGE, "node", "--join", "127.0.0.1:9", "--key", str(keys / "lab2.key_secret"), "--wait", "2"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 3
+    assert "no range answers at 127.0.0.1:9 within 2 s" in done.stderr
+
+
+def test_a_machine_that_is_lost_is_named_and_the_record_kept(tmp_path: Path, machines: Any, keys: Path) -> None:
+    here, there = machines
+    joined = begin([*there, *node(keys / "lab2.key_secret")], tmp_path / "node.log")
+    started = begin([*here, *live(tmp_path, keys, 120)], tmp_path / "live.log")
+    try:
+        until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies")
+        time.sleep(3.0)
+        ip(f"-n {NET}b link set eth0 down")
+        began = time.monotonic()
+        assert started.wait(60) == 3
+        assert time.monotonic() - began < 45.0
+        assert joined.wait(30) == 3
+    finally:
+        for process in (started, joined):
+            process.kill()
+    assert f"the machine {OTHER} fell silent" in (tmp_path / "live.log").read_text()
+    assert "fell silent. What was recorded here is in" in (tmp_path / "node.log").read_text()
+    kept = Path((tmp_path / "node.log").read_text().rpartition("is in ")[2].strip())
+    assert load(kept / "blue.gcs").table("frames").num_rows > 0
+    shutil.rmtree(kept.parent)
+    said = manifest(tmp_path)
+    assert said["status"] == "failed"
+    assert said["counts"]["frames"] > 0
+
+
+def namespaces() -> list[str]:
+    return [one for one in os.listdir("/run/netns") if one.startswith("sky")] + [
+        name for _, name in socket.if_nameindex() if name.startswith("sky")
+    ]
+
+
+def test_packet_tools_work_in_namespaces_and_nothing_of_them_stays(tmp_path: Path) -> None:
+    before = namespaces()
+    started = begin([*live(tmp_path, None, 30, ""), "--netns"], tmp_path / "live.log")
+    try:
+        until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies")
+        made = sorted(set(namespaces()) - set(before))
+        (aircraft,) = [name for name in made if name.endswith("-blue-b1")]
+        time.sleep(8.0)
+        # what a spoofed ARP answer does: the aircraft sends to a station that is not there
+        station = next(one for one in made if one.endswith("-blue.gcs"))
+        shown = subprocess.run(["ip", "-n", station, "-4", "-o", "addr"], check=True, capture_output=True, text=True)
+        address = shown.stdout.partition("eth0    inet ")[2].partition("/")[0]
+        ip(f"-n {aircraft} neigh replace {address} lladdr 02:00:00:00:00:99 dev eth0 nud permanent")
+        assert started.wait(120) == 0, (tmp_path / "live.log").read_text()
+    finally:
+        started.kill()
+    until(lambda: namespaces() == before, 10, "all namespaces are gone")
+    said = manifest(tmp_path)["live"]
+    assert said["namespaces"].items() >= {(address, station)}
+    assert said["links"]["gcs:blue/b1"] == f"udp://{address}:14555"
+    rows = load(tmp_path / "run").table("frames").to_pylist()
+    told = [row for row in rows if row["link"] == "gcs:blue/b1" and row["src"] == "blue/b1.companion"]
+    early = [row["arrived_ns"] is not None for row in told if row["sent_ns"] < 5e9]
+    late = [row["arrived_ns"] is not None for row in told if row["sent_ns"] > 15e9]
+    assert len(early) > 20
+    assert len(late) > 20
+    assert all(early)
+    assert not any(late)
+
+
+def test_namespaces_go_with_a_range_that_is_killed(tmp_path: Path) -> None:
+    before = namespaces()
+    started = begin([*live(tmp_path, None, 60, ""), "--netns"], tmp_path / "live.log")
+    try:
+        until(lambda: len(namespaces()) > len(before), 120, "namespaces are there")
+    finally:
+        started.kill()
+        started.wait()
+    until(lambda: namespaces() == before, 20, "all namespaces are gone")
