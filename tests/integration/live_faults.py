@@ -57,8 +57,8 @@ params = {{ FS_GCS_ENABLE = 1, FS_GCS_TIMEOUT = 25, RTL_ALT = 400, RTL_LOIT_TIME
 """
 """Two aircraft, 30 m out and down there: within 33 s if nothing comes in between. b1's autopilot goes home four seconds
 after it last heard its ground station, b2's after 25."""
-MID_S = 9.0
-"""When faults are done: both are on their way out."""
+ALOFT_S = 5.0
+"""So long after both took off faults are done: they are on their way out."""
 SAID = {
     "decision.link_lost": "link lost",
     "decision.link_restored": "link restored",
@@ -113,6 +113,19 @@ class Harmed:
         until(lambda: self.now_s() >= time_s or self.process.poll() is not None, 300.0, f"{time_s:g} s of flight")
         assert self.process.poll() is None, self.process.communicate()
         self.hit_s = self.hit_s or time_s
+
+    def aloft(self) -> None:
+        """Wait until both have been in the air for a while."""
+
+        def taken_off() -> bool:
+            part = self.part("world")
+            if self.process.poll() is not None:
+                return True
+            kinds = load(part).table("events", ["kind"]).column("kind").to_pylist() if self.now_s() > 0 else []
+            return kinds.count("event.takeoff") == 2
+
+        until(taken_off, 300.0, "both aloft")
+        self.until(self.now_s() + ALOFT_S)
 
     def part(self, node: str) -> Path:
         return self.folder / "run" / ".parts" / node
@@ -181,7 +194,7 @@ class Fault:
     name: str
     what: str
     do: Callable[[Harmed], None]
-    seconds: float = 38.0
+    seconds: float = 40.0
     on_death: str = "restart"
     code: int = 0
     """With which `skyrange live` ends."""
@@ -226,7 +239,7 @@ def _tcp_cut(harmed: Harmed) -> None:
     for number in range(5):
         cut = ["ss", "-K", "dst", "127.0.0.1", "dport", "=", f":{14561 + OFFSET}"]
         subprocess.run(cut, check=True, capture_output=True)
-        harmed.until(MID_S + 1.0 + number)
+        harmed.until(harmed.hit_s + 1.0 + number)
 
 
 def _disk_full(harmed: Harmed) -> None:
@@ -256,14 +269,16 @@ FAULTS = (
     Fault("link", "TCP of the link log:blue/b2 cut, five times", _tcp_cut),
     Fault("disk", "no room on the disk", _disk_full, on_death="stop", code=3),
 )  # fmt: skip
-HEAD = Row("what was done at 9 s", "aircraft", "its ground station notes", "its autopilot changes to", "mission")
+HEAD = Row(
+    "what was done 5 s after take-off", "aircraft", "its ground station notes", "its autopilot changes to", "mission"
+)
 
 
 def harm(fault: Fault, folder: Path) -> tuple[Harmed, Any]:
     """Do it; the range and its record."""
     harmed = Harmed.start(folder, fault.seconds, fault.on_death)
     try:
-        harmed.until(MID_S)
+        harmed.aloft()
         fault.do(harmed)
         record = harmed.end()
     finally:

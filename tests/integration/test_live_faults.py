@@ -11,7 +11,7 @@ import pytest
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.record.run import RunRecord
-from tests.integration.live_faults import FAULTS, MID_S, Fault, Harmed, gap_s, harm, rows_of
+from tests.integration.live_faults import FAULTS, Fault, Harmed, gap_s, harm, rows_of
 
 pytestmark = pytest.mark.integration
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "live-faults.md"
@@ -46,44 +46,44 @@ def test_the_table_has_every_fault() -> None:
 
 
 def test_a_ground_station_is_started_anew_and_goes_on_watching(tmp_path: Path) -> None:
-    _, _, record = made("station", tmp_path)
+    _, harmed, record = made("station", tmp_path)
     assert list(record.manifest["live"]["started_anew"]) == ["blue.gcs"]
     assert statuses(record)["blue.gcs"] == ["killed", "complete"]
     times = sent_by(record, "blue.gcs", "gcs:blue/b2")
-    assert times[0] < MID_S < times[-1]
+    assert times[0] < harmed.hit_s < times[-1]
     serials = record.table("frames", ["link", "sender", "serial"]).to_pylist()
     own = [row["serial"] for row in serials if row["sender"] == "blue.gcs" and row["link"] == "gcs:blue/b2"]
     assert len(own) == len(set(own))
 
 
 def test_companion_proxy_and_approval_are_started_anew(tmp_path: Path) -> None:
-    _, _, record = made("others", tmp_path)
+    _, harmed, record = made("others", tmp_path)
     gone = {"approval", "blue/b1.companion", "blue/b2.proxy"}
     assert set(record.manifest["live"]["started_anew"]) == gone
     assert {name for name, ended in statuses(record).items() if ended == ["killed", "complete"]} == gone
     broadcasts = sent_by(record, "blue/b1.companion", "rid_up:blue/b1")
     silent = max(later - earlier for earlier, later in itertools.pairwise(broadcasts))
     assert 1.0 < silent < 15.0
-    assert broadcasts[-1] > MID_S + silent
+    assert broadcasts[-1] > harmed.hit_s + silent
 
 
 def test_a_killed_companion_or_proxy_is_a_lost_link(tmp_path: Path) -> None:
-    _, _, record = made("others for good", tmp_path)
+    _, harmed, record = made("others for good", tmp_path)
     assert set(record.manifest["live"]["ended"]) == {"approval", "blue/b1.companion", "blue/b2.proxy"}
     for dead in ("blue/b1.companion", "blue/b2.proxy"):
         assert statuses(record)[dead] == ["killed"]
-    assert max(sent_by(record, "blue.gcs", "gcs:blue/b1")) > MID_S + 10.0
+    assert max(sent_by(record, "blue.gcs", "gcs:blue/b1")) > harmed.hit_s + 10.0
 
 
 def test_without_its_world_a_range_ends_and_keeps_what_it_recorded(tmp_path: Path) -> None:
     _, harmed, record = made("world", tmp_path)
     assert "world: signal SIGKILL" in harmed.err
     assert record.status == "failed"
-    assert max(record.table("truth", ["time_ns"]).column("time_ns").to_pylist()) > (MID_S - 1.5) * NS_PER_S
+    assert max(record.table("truth", ["time_ns"]).column("time_ns").to_pylist()) > (harmed.hit_s - 1.5) * NS_PER_S
 
 
 def test_a_paused_ground_station_does_not_make_good_its_heartbeats(tmp_path: Path) -> None:
-    _, _, record = made("station paused", tmp_path)
+    _, _harmed, record = made("station paused", tmp_path)
     assert 4.5 < gap_s(record, "blue.gcs") < 7.0
     times = sent_by(record, "blue.gcs", "gcs:blue/b2")
     woke = next(later for earlier, later in itertools.pairwise(times) if later - earlier > 4.5)
@@ -93,7 +93,7 @@ def test_a_paused_ground_station_does_not_make_good_its_heartbeats(tmp_path: Pat
 
 
 def test_a_paused_world_makes_good_every_tick(tmp_path: Path) -> None:
-    _, _, record = made("world paused", tmp_path)
+    _, _harmed, record = made("world paused", tmp_path)
     assert record.manifest["live"]["late_max_s"]["world"] == pytest.approx(5.0, abs=1.0)
     rows = record.table("truth", ["time_ns", "vehicle"]).to_pylist()
     times = [row["time_ns"] for row in rows if row["vehicle"] == "blue/b1"]
@@ -121,7 +121,7 @@ def _can_cut() -> bool:
 
 @pytest.mark.skipif(not _can_cut(), reason="ss -K cannot end connections here (root, CONFIG_INET_DIAG_DESTROY)")
 def test_a_tcp_link_that_is_cut_is_there_again(tmp_path: Path) -> None:
-    _, _, record = made("link", tmp_path)
+    _, _harmed, record = made("link", tmp_path)
     frames = record.table("frames", ["link", "fate"]).to_pylist()
     assert any(row["fate"] == "lost" for row in frames if row["link"] == "log:blue/b2")
     times = sent_by(record, "blue/b2.proxy", "log:blue/b2")

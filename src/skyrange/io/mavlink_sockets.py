@@ -34,7 +34,7 @@ class UdpEnd(asyncio.DatagramProtocol):
     def __init__(self, on_piece: OnPiece, remote: Address | None = None) -> None:
         self._on_piece = on_piece
         self._remote = remote
-        self._called = remote
+        self._calls = remote is not None
         self._transport: asyncio.DatagramTransport | None = None
         self._deframer = Deframer()
 
@@ -62,10 +62,10 @@ class UdpEnd(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
         """Called by asyncio."""
-        if self._called is not None and self._called[0] != addr[0]:
+        if self._calls and self._remote is not None and self._remote[0] != addr[0]:
             return
         pieces = [*self._deframer.feed(data), *self._deframer.finish()]
-        if self._called is None and not all(piece.garbage for piece in pieces):
+        if not self._calls and not all(piece.garbage for piece in pieces):
             self._remote = addr
         for piece in pieces:
             self._on_piece(piece)

@@ -64,12 +64,12 @@ class Orders:
     control: Address
     crossings: tuple[Crossing, ...]
     passes: Passes
+    anew: bool = False
+    """Whether one of this name died before, while the range flew: it begins at the range's present."""
     motion: bool = False
     """Whether the command line lets vehicles outside the range be moved."""
     watched: Watched = ()
     """Aircraft of this node that viewers see, and where."""
-    anew: bool = False
-    """Whether one of this name died before, while the range flew: it begins at the range's present."""
 
     def to_json(self) -> str:
         """As the file has it."""

@@ -123,8 +123,8 @@ def prepare(
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
-    With a `viewer_port` ground stations can watch there, as `runtime.viewers` has it; no offset moves that.
-    `on_death` stands over the scenario's.
+    `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, as `runtime.viewers`
+    has it; no offset moves that.
     Raises `InputError` with all that is wrong, before anything is written.
     """
     rig = wire(scenario, motion=motion)
@@ -144,8 +144,8 @@ def prepare(
     control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
     seen = watched(fleet, viewer_port) if viewer_port is not None else ()
-    dying = on_death or scenario.live.on_death
-    return Range(rig, planned, places, open_record(rig, out), dying, keys, control_port, spaces, motion, seen)
+    death = on_death or scenario.live.on_death
+    return Range(rig, planned, places, open_record(rig, out), death, keys, control_port, spaces, motion, seen)
 
 
 def _check_attacks(rig: Rig) -> None:

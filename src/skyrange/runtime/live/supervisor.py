@@ -138,8 +138,13 @@ class _Supervisor:
             await self._machines.give(address, flown.rig.attachments, orders)
         for node in flown.plan.nodes:
             if node.host not in self._machines.members:
-                through = flown.spaces.through(node.host) if flown.spaces is not None else ()
-                flown.members[node.name].program = launch.start(flown.folder, self._orders(node.name), through)
+                self._launch(flown.members[node.name])
+
+    def _launch(self, member: Member) -> None:
+        """Start a process on this machine."""
+        flown = self._range
+        through = flown.spaces.through(member.host) if flown.spaces is not None else ()
+        member.program = launch.start(flown.folder, self._orders(member.name), through)
 
     def _orders(self, name: str) -> Orders:
         flown = self._range
@@ -153,9 +158,9 @@ class _Supervisor:
             control=self._desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
             passes=self._passes,
+            anew=start > 1,
             motion=flown.motion,
             watched=flown.watched if node.name == WORLD else (),
-            anew=start > 1,
         )
 
     async def _start(self) -> None:
@@ -212,11 +217,10 @@ class _Supervisor:
         """The next of its name, which `_hear` brings up while the others fly."""
         dead.deaths.append(dead.ended)
         dead.state, dead.ended, dead.status, dead.gone = "starting", "", {}, False
-        orders = self._orders(dead.name)
         if dead.host in self._machines.members:
-            await self._machines.give(dead.host, {}, [orders])
+            await self._machines.give(dead.host, {}, [self._orders(dead.name)])
         else:
-            dead.program = launch.start(self._range.folder, orders)
+            self._launch(dead)
 
     def _bury(self) -> None:
         """Notice those that have ended without a word."""
