@@ -350,10 +350,10 @@ class Recorder:
     ) -> None:
         """End the record: tables, CSVs and tlogs from the spool, then the manifest, then no spool any more.
 
-        With `in_spool` its rows stay in the spool, as a part's do that is soon merged. `status` is complete, interrupted or failed; `extra` goes into the manifest (simulated_s, timings,
-        …) over what the recorder knows itself. Memory stays bounded. `ComponentError` where the disk refuses:
-        everything recorded is then still in the spool. A record that was refused before only has its manifest's
-        status set, if that can be written. Closing again does nothing.
+        With `in_spool` its rows stay there, as a part's do that is soon merged. `status` is complete, interrupted or
+        failed; `extra` goes into the manifest (simulated_s, timings, …) over what the recorder knows itself. Memory
+        stays bounded. `ComponentError` where the disk refuses: everything recorded is then still in the spool. A record
+        that was refused before only has its manifest's status set, if that can be written. Closing again does nothing.
         """
         if status not in ENDINGS:
             raise ValueError(f"status {status!r}, expected one of {', '.join(ENDINGS)}")
@@ -367,8 +367,8 @@ class Recorder:
             self.flush()
             self._spool.end_segment()
             counts = dict(self._state.counts) if in_spool else finalise(self.path, self._manifest)
-            self._manifest |= self._ending(status, extra or {}) | {"counts": counts}
-            self._manifest |= {"spooled": True} if in_spool else {}
+            self._manifest |= {"counts": counts, **({"spooled": True} if in_spool else {})}
+            self._manifest |= self._ending(status, extra or {})
             write_manifest(self.path, self._manifest)
         except OSError as error:
             raise cannot_write(self.path / MANIFEST, error) from error
