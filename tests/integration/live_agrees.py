@@ -25,7 +25,8 @@ TOLERANCE_S: Final = 1.5
 or 100 times a second: a millisecond too late is a whole turn later. And a ground station knows of progress from
 MISSION_CURRENT, which comes once a second from whenever it was asked for."""
 RACES: Final[Mapping[str, str]] = {
-    "decision.progress": "an item that lasted less than a second is seen, or not, in a message that comes once a second",
+    "decision.progress": "an item of less than a second is seen, or not, in a message that comes once a second",
+    "decision.avoid": "the same leg, chosen a quarter of a second later, when one track more or fewer is heard",
     "event.remote_id": "whether the first broadcast, at 1 s, comes before or after the first position",
 }
 """What may be in one run alone, and why."""
@@ -128,8 +129,8 @@ def row(both: Both) -> str:
 
 
 HEAD = (
-    "| scenario | until | processes | notes in both | in one alone | upload ends | progress | items, landings, collisions "
-    "| off the way | outcomes | behind at most |\n|---|---|---|---|---|---|---|---|---|---|---|"
+    "| scenario | until | processes | notes in both | in one alone | upload ends | progress | items, landings, "
+    "collisions | off the way | outcomes | behind at most |\n|---|---|---|---|---|---|---|---|---|---|---|"
 )
 
 

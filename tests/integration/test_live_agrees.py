@@ -1,4 +1,4 @@
-"""A live range flies as the same scenario does in virtual time. `live_agrees` does it for all of them, to their ends."""
+"""A live range flies as the same scenario does in virtual time. `live_agrees` flies all of them, to their ends."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ class Node:
         self._clock: RangeClock | None = None
         self._ends: dict[str, End] = {}
         self._waiting: list[tuple[Time, str, bytes]] = []
-        self._awake = asyncio.Event()
+        self._resting: asyncio.Future[None] | None = None
         self._pending: list[tuple[Time, int, Transit]] = []
         self._pushed = 0
         self._arrived: dict[str, int] = {}
@@ -141,7 +141,7 @@ class Node:
             self.counts.dropped += 1
             return
         self._waiting.append((self._clock.now(), lane, data))
-        self._awake.set()
+        self._wake()
 
     def boot(self) -> None:
         """Everything before time 0."""
@@ -151,7 +151,7 @@ class Node:
     def stop(self, why: str) -> None:
         """End before the scenario does."""
         self._stopped = self._stopped or why
-        self._awake.set()
+        self._wake()
 
     def set_clock(self, zero_ns: int) -> None:
         """The range's time 0 on this machine's clock, known better than before. Time that was reached stays reached."""
@@ -175,15 +175,21 @@ class Node:
 
     async def _rest(self, seconds: float) -> None:
         """So long, or until something is heard; sockets are served at least once."""
-        self._awake.clear()
         if self._waiting or seconds <= 0.0:
             await asyncio.sleep(0)
             return
+        # a future and a timer: an Event within asyncio.timeout does the same for half as much again
+        loop = asyncio.get_running_loop()
+        resting = self._resting = loop.create_future()
+        timer = loop.call_later(seconds, self._wake)
         try:
-            async with asyncio.timeout(seconds):
-                await self._awake.wait()
-        except TimeoutError:
-            return
+            await resting
+        finally:
+            timer.cancel()
+
+    def _wake(self) -> None:
+        if self._resting is not None and not self._resting.done():
+            self._resting.set_result(None)
 
     def _turn(self, now: Time) -> None:
         """Take in what was heard, go on to `now`, and say what is due."""
