@@ -22,7 +22,7 @@ from skyrange.scenario.wire import Rig, wire
 
 SCENARIO = {
     "name": "alone",
-    "duration_s": 0.3,
+    "duration_s": 60.0,
     "origin": [-35.0, 149.0],
     "operators": [{"id": "blue", "vehicles": [{"id": "b1", "plan": {"path": {"points": [[0.0, 9.0]], "alt_m": 5.0}}}]}],
 }
@@ -55,19 +55,24 @@ def test_what_comes_before_the_start_is_counted_and_dropped(tmp_path: Path) -> N
         await node.bind()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
             peer.sendto(HEARTBEAT, place.address)
-            await asyncio.sleep(0.05)
+            while not node.counts.early:
+                await asyncio.sleep(0.01)
             await node.connect()
             node.boot()
             flying = asyncio.create_task(node.fly(time.monotonic_ns()))
-            await asyncio.sleep(0.05)
+            while node.status["now_ns"] < 0:
+                await asyncio.sleep(0.01)
             peer.sendto(HEARTBEAT, place.address)
+            while not node.counts.received:
+                await asyncio.sleep(0.01)
+            node.stop("interrupted")
             status = await flying
         node.close()
         recorder.close(status)
         return node, status
 
     node, status = asyncio.run(live())
-    assert status == "complete"
+    assert status == "interrupted"
     assert (node.counts.early, node.counts.received) == (1, 1)
     frames = load(tmp_path / "run").table("frames").to_pylist()
     (heard,) = [row for row in frames if row["link"] == "gcs:blue/b1" and row["direction"] == "rev"]

@@ -181,6 +181,8 @@ class Source(StrEnum):
     """The world: forces on it."""
     KINEMATIC = "kinematic"
     """Its engine, which imposes its pose."""
+    EXTERNAL = "external"
+    """As above, but what is imposed is what a vehicle outside the range reports of itself."""
 
 
 @dataclass(slots=True)
@@ -228,7 +230,8 @@ class Engine(Protocol):
     `leaves()` may name files of theirs that are worth keeping, by their names in the run's folder. A model
     `options` (`agent.settings.Params`) of its factory says what a scenario may tell it, as keyword `options`.
 
-    One whose clock is `wall` is a `WallEngine`.
+    One whose clock is `wall` is a `WallEngine`. Two more it may have: `source`, of the vehicles that it moves
+    (`Source.KINEMATIC` without), and `why(vehicle)`, in words, for the error that names one not ready or silent.
     """
 
     name: str
@@ -255,7 +258,10 @@ class Engine(Protocol):
 
 
 class WallEngine(Engine, Protocol):
-    """One whose programs run on the machine's clock: `finish` waits until their time has come to the tick."""
+    """One whose programs run on the machine's clock: `finish` waits until their time has come to the tick.
+
+    One with an attribute `waits` that is False does not: whoever drives the kernel holds it to the pace.
+    """
 
     pace: float
     """How many simulated seconds pass in a second of the machine's clock."""
@@ -289,9 +295,9 @@ class World(Protocol):
         ...
 
     def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
-        """Say where kinematic bodies are now; the next tick takes them from there on.
+        """Say where bodies are now that are not dynamic; the next tick takes them from there on.
 
-        Raises ValueError for a pose that no body can have, or of a body that is not kinematic.
+        Raises ValueError for a pose that no body can have, or of a body that is dynamic.
         """
         ...
 

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import bench_live, commands, live, parity
+from skyrange.cli import bench_live, commands, live, live_viewing, parity
+from skyrange.cli import tap as tapping
 
 app = typer.Typer(
     name="skyrange",
@@ -65,6 +66,14 @@ Buildings = Annotated[
 Changes = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."),
+]
+Motion = Annotated[
+    bool,
+    typer.Option(
+        "--allow-motion",
+        help="Let arming and motion commands through to external vehicles, where the scenario says allow_motion too. "
+        "Such a vehicle can hurt somebody.",
+    ),
 ]
 
 
@@ -137,10 +146,11 @@ def run(
             "Default: 5763.",
         ),
     ] = None,
+    allow_motion: Motion = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario and leave a run folder with a report."""
-    commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, as_json)
+    commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
 
 
 class Grouping(StrEnum):
@@ -186,6 +196,22 @@ def live_(
     on_death: Annotated[
         Death, typer.Option(metavar="HOW", help="When a process dies: stop the range, or continue without it.")
     ] = Death.STOP,
+    qgc: Annotated[
+        bool,
+        typer.Option(
+            "--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."
+        ),
+    ] = False,
+    viewer_port: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            max=65_535,
+            help="The first of those ports, each next aircraft's is 10 higher; 0 takes any. Implies --qgc. "
+            "Default: 5763 and the offset.",
+        ),
+    ] = None,
     keys: Annotated[
         Path | None,
         typer.Option(
@@ -200,10 +226,17 @@ def live_(
             "packets (tc, Scapy). Linux, and needs root.",
         ),
     ] = False,
+    allow_motion: Motion = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario in real time, every component a process of its own on real sockets."""
-    options = {"group": group.value if group is not None else None, "on_death": on_death.value, "netns": netns}
+    options = {
+        "group": group.value if group is not None else None,
+        "on_death": on_death.value,
+        "netns": netns,
+        "motion": allow_motion,
+        "viewer_port": live_viewing.first_port(qgc, viewer_port, port_offset),
+    }
     live.live(scenario, out, seed, buildings, changes or [], external or [], port_offset, keys, options, as_json)
 
 
@@ -244,6 +277,39 @@ def keys(
 ) -> None:
     """Make the keys with which other machines join a live range."""
     live.keys(folder, names or [])
+
+
+class Fail(StrEnum):
+    """What becomes of a frame that an external tap's program does not judge."""
+
+    OPEN = "open"
+    CLOSED = "closed"
+
+
+@app.command(epilog="Example: skyrange tap gcs:blue/b1 --listen 127.0.0.1:7000 --run runs/squares")
+def tap(
+    link: Annotated[str, typer.Argument(metavar="LINK", help="A link of a live range, such as gcs:blue/b1.")],
+    listen: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where a program of yours calls, on the loopback; port 0 takes any.")
+    ],
+    run: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="The range's run folder. Default: the newest live one under runs."),
+    ] = None,
+    hold_ms: Annotated[
+        float, typer.Option(metavar="MS", min=1, max=60_000, help="How long a frame waits for its answer.")
+    ] = 200.0,
+    fail: Annotated[
+        Fail, typer.Option(metavar="HOW", help="A frame without an answer passes (open) or is dropped (closed).")
+    ] = Fail.OPEN,
+    name: Annotated[str, typer.Option(metavar="NAME", help="What labels call it.")] = "tap-process",
+    wait_s: Annotated[
+        float, typer.Option("--wait", metavar="S", min=0, max=3600, help="How long to wait for the range to be there.")
+    ] = 60.0,
+    as_json: AsJson = False,
+) -> None:
+    """Put a program of yours, in any language, on a link of a live range: it sees, alters, drops, delays, injects."""
+    tapping.tap(link, listen, run, hold_ms, fail.value, name, wait_s, as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")

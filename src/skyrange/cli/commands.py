@@ -46,9 +46,11 @@ def run(
     changes: Sequence[str],
     qgc: bool,
     viewer_port: int | None,
+    motion: bool,
     as_json: bool,
 ) -> None:
     """`skyrange run`."""
+    from skyrange.cli.outside import tell_if_held_back
     from skyrange.cli.progress import progress
     from skyrange.cli.viewing import watchable
     from skyrange.scenario.catalogue import load
@@ -61,7 +63,7 @@ def run(
     watched = qgc or viewer_port is not None
     with watchable(scenario, watched, viewer_port) as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
-            record = fly(scenario, out, speed=speed, viewers=viewers, on_progress=on_progress)
+            record = fly(scenario, out, speed=speed, viewers=viewers, on_progress=on_progress, motion=motion)
         except ShortfallError as error:
             from skyrange.record import load as load_run
 
@@ -71,6 +73,7 @@ def run(
         print_json(facts)
     else:
         print_summary(facts)
+        tell_if_held_back(record.manifest)
     if shortfall is not None:
         raise shortfall
 

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.commands import print_json, print_summary, tell_if_cold
+from skyrange.cli.live_viewing import invite, see_off
+from skyrange.cli.outside import tell_if_held_back
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
 
@@ -48,12 +50,14 @@ def live(
     tell_if_cold(quiet=as_json)
     own = load_range(keys) if keys is not None else None
     flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
+    invite(flown)
     failure: ShortfallError | ComponentError | None = None
     with _shown(flown, quiet=as_json) as on_look:
         try:
             fly(flown, on_look)
         except (ShortfallError, ComponentError) as error:
             failure = error
+    see_off(flown)
     record = load_run(flown.folder)
     write_report(record, flown.folder / "report.html")
     facts = {**summary(record), "live": record.manifest["live"]}
@@ -61,11 +65,16 @@ def live(
         print_json(facts)
     else:
         print_summary(facts)
+        tell_if_held_back(record.manifest)
         behind = facts["live"]["fell_behind"]
         if behind:
             late = facts["live"]["late_max_s"]
             said = ", ".join(f"{node} by {late[node]:.1f} s" for node in behind)
             print(f"fell behind real time: {said}", file=sys.stderr)
+        for address, clock in facts["live"]["clocks"].items():
+            for jump in clock["jumps"]:
+                said = f"the clock of {address} jumped by {jump['by_s']:+.1f} s at {jump['at_s']:.1f} s"
+                print(f"{said}; it was set, or its machine slept", file=sys.stderr)
     if failure is not None:
         raise failure
 

@@ -20,13 +20,15 @@ OnPiece = Callable[[Piece], None]
 class UdpEnd(asyncio.DatagramProtocol):
     """One end of a link over UDP.
 
-    Without a `remote` it answers whoever spoke last, as a ground station's listening port does. A
-    datagram is a whole: what it leaves unfinished is garbage, never the beginning of the next one.
+    Without a `remote` it answers whoever spoke last, as a ground station's listening port does. With one it goes on
+    calling that, and takes what any port of the same host says, as MAVProxy's `udpout` does. A datagram is a whole:
+    what it leaves unfinished is garbage, never the beginning of the next one.
     """
 
     def __init__(self, on_piece: OnPiece, remote: Address | None = None) -> None:
         self._on_piece = on_piece
         self._remote = remote
+        self._calls = remote is not None
         self._transport: asyncio.DatagramTransport | None = None
         self._deframer = Deframer()
 
@@ -55,7 +57,8 @@ class UdpEnd(asyncio.DatagramProtocol):
     def datagram_received(self, data: bytes, addr: Address) -> None:
         """Called by asyncio."""
         if self._remote is None or self._remote[0] == addr[0]:
-            self._remote = addr
+            if not self._calls:
+                self._remote = addr
             for piece in [*self._deframer.feed(data), *self._deframer.finish()]:
                 self._on_piece(piece)
 

@@ -18,7 +18,7 @@ from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, InstanceStatus, Observer, Poses, Source, Watcher, World
+from skyrange.agent.contracts import Agent, Engine, InstanceStatus, Observer, Poses, Source, Watcher, World
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.agent.payloads import Ints
 from skyrange.agent.verdicts import Label
@@ -57,7 +57,8 @@ class _Berth:
         self.moved = {vehicle: rows[vehicle] for vehicle in mount.engine.moves}
         """Rows of the world whose bodies the engine moves."""
         if self.moved:
-            world.set_source(np.array(list(self.moved.values())), Source.KINEMATIC)
+            source = getattr(mount.engine, "source", Source.KINEMATIC)
+            world.set_source(np.array(list(self.moved.values())), source)
         self.box = Mailbox(mount.engine.name, mount.engine.service_ns, polled=True)
         self.status = [InstanceStatus.READY if mount.engine.preroll_ns == 0 else InstanceStatus.BOOTING] * len(
             mount.engine.vehicles
@@ -284,7 +285,7 @@ class Kernel:
                 berth.status[index] = is_now
                 self._note(now, berth.engine.name, Note(f"event.engine_{is_now}", vehicle, {"was": str(was)}))
                 if is_now in (InstanceStatus.SILENT, InstanceStatus.DEAD):
-                    gone.append(f"{vehicle} ({is_now})")
+                    gone.append(f"{vehicle} ({is_now}{_why(berth.engine, vehicle)})")
                 if is_now is InstanceStatus.DEAD and vehicle in berth.moved:  # nothing holds it up any more
                     assert self._world is not None
                     self._world.set_source(np.array([berth.moved[vehicle]]), Source.DYNAMIC)
@@ -300,7 +301,7 @@ class Kernel:
             if booting:
                 raise ComponentError(
                     f"engine {berth.engine.name}",
-                    f"{', '.join(booting)} still booting at time 0",
+                    f"{', '.join(f'{v}{_why(berth.engine, v)}' for v in booting)} still booting at time 0",
                     'Set on_unready = "wait" to let them come later',
                 )
 
@@ -356,3 +357,9 @@ class Kernel:
     def _note(self, now: Time, source: str, note: Note) -> None:
         for observer in self._traffic.observers:
             observer.on_note(now, source, note)
+
+
+def _why(engine: Engine, vehicle: str) -> str:
+    """What the engine says is wrong, to stand behind a vehicle's name; "" where it says nothing."""
+    told = engine.why(vehicle) if hasattr(engine, "why") else ""
+    return f": {told}" if told else ""

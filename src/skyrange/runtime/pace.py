@@ -15,6 +15,8 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time, to_seconds
 def held_to(speed: float, engines: Sequence[Engine]) -> float:
     """The speed at which a `Pace` has to hold a run that is asked for `speed`: 0 where an engine does so itself.
 
+    Where engines on the wall clock are there of which none waits, it is theirs.
+
     `InputError` where two of those on the wall clock, or one and `speed`, contradict each other.
     """
     found = {engine.name: cast("WallEngine", engine).pace for engine in engines if engine.clock == "wall"}
@@ -24,7 +26,10 @@ def held_to(speed: float, engines: Sequence[Engine]) -> float:
         told = ", ".join(f"{name} {pace:g}" for name, pace in found.items())
         hint = "Programs that run on the machine's clock set the pace: leave --speed out."
         raise InputError.one("speed", "value", told, "one speed", hint)
-    return speed if set(found) <= {"--speed"} else 0.0
+    walls = [engine for engine in engines if engine.clock == "wall"]
+    if not walls:
+        return speed
+    return 0.0 if any(getattr(engine, "waits", True) for engine in walls) else cast("WallEngine", walls[0]).pace
 
 
 class Pace:
@@ -51,6 +56,11 @@ class Pace:
         self._began: tuple[float, Time] | None = None
         self.lag_s = 0.0
         """The most the run was behind the wall clock, in wall seconds."""
+
+    @property
+    def held(self) -> bool:
+        """Whether there is anything to wait for."""
+        return self._speed > 0.0
 
     @property
     def step_ns(self) -> Time:

@@ -19,6 +19,7 @@ from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
 from skyrange.runtime.collector import at_ease
 from skyrange.runtime.interrupt import Interruptible
+from skyrange.runtime.live.warm import warm_up
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.pace import Pace, held_to
 from skyrange.scenario.schema import Scenario
@@ -55,6 +56,7 @@ class Run:
         attacks: Sequence[AttackPlan] = (),
         observers: Sequence[Observer] = (),
         fuse: bool = True,
+        motion: bool = False,
     ) -> Run:
         """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
@@ -62,9 +64,9 @@ class Run:
         `taps` and `attacks` act on its links; `observers` see everything beside the recorder. `speed` is what
         `execute` will be asked for: whether the engines allow it is known once they are made.
         What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
-        record is the same.
+        record is the same. `motion` lets external vehicles be moved, where the scenario allows it too.
         """
-        rig = wire(scenario, taps=taps, attacks=attacks)
+        rig = wire(scenario, taps=taps, attacks=attacks, motion=motion)
         held_to(speed, [mount.engine for mount in rig.wiring.engines])
         kernel = Kernel(replace(rig.wiring, fuse=fuse))
         recorder = open_record(rig, out)
@@ -83,11 +85,16 @@ class Run:
         return any(mount.engine.clock == "wall" for mount in self.rig.wiring.engines)
 
     def advance(self, until_s: float) -> None:
-        """Run every instant up to `until_s` simulated seconds, as fast as it goes."""
+        """Run every instant up to `until_s` simulated seconds, as fast as engines on the wall clock let it."""
         began = time.perf_counter()
+        pace, until = Pace(held_to(0.0, [mount.engine for mount in self.rig.wiring.engines])), from_seconds(until_s)
         try:
             with at_ease():
-                self.kernel.advance(from_seconds(until_s))
+                while pace.held and self.kernel.now < until:
+                    self.kernel.advance(self._next(pace.step_ns, until))
+                    if self.kernel.now >= 0:
+                        pace.wait(self.kernel.now)
+                self.kernel.advance(until)
         finally:
             self._wall_s += time.perf_counter() - began
 
@@ -109,11 +116,15 @@ class Run:
         Ctrl-C, or a component's failure, ends it early: the record is whole up to there, its status
         `interrupted` or `failed`, and `ShortfallError` or the component's error is raised.
         """
-        pace = Pace(held_to(speed, [mount.engine for mount in self.rig.wiring.engines]))
+        engines = [mount.engine for mount in self.rig.wiring.engines]
+        pace = Pace(held_to(speed, engines))
         end = self.rig.duration_ns
         with Interruptible() as interrupt, at_ease():
             began = time.perf_counter()
             try:
+                if not all(getattr(engine, "waits", True) for engine in engines):
+                    warm_up(self.rig.scenario)  # what flies outside does not wait while we compile
+                    began = time.perf_counter()
                 while self.kernel.now < end and not interrupt.requested:
                     self.kernel.advance(self._next(pace.step_ns, end))
                     if self.kernel.now >= 0:

@@ -45,13 +45,15 @@ class Viewers:
 
     truth_period_ns: Time = NEVER
 
-    def __init__(self, vehicles: Sequence[str], first_port: int = FIRST_PORT) -> None:
+    def __init__(self, vehicles: Sequence[str], first_port: int | Sequence[int] = FIRST_PORT) -> None:
         """Listen for each of `vehicles`, ids in the order of their ports: `first_port` and 10 more for every next one.
 
-        0 takes any ports that are free. `InputError` where a port cannot be had.
+        0 takes any ports that are free; several are those of each. `InputError` where a port cannot be had.
         """
-        ports = [first_port + PORT_STEP * place if first_port else 0 for place in range(len(vehicles))]
-        self._ports = ViewerPorts(ports)
+        if isinstance(first_port, int):
+            step = PORT_STEP if first_port else 0
+            first_port = [first_port + step * place for place in range(len(vehicles))]
+        self._ports = ViewerPorts(first_port)
         self._places = {link_name("autopilot", vehicle): place for place, vehicle in enumerate(vehicles)}
         self.addresses = [
             Address(vehicle, LOOPBACK, port) for vehicle, port in zip(vehicles, self._ports.numbers, strict=True)
@@ -80,7 +82,12 @@ class Viewers:
 
     def on_frame(self, frame: Frame) -> None:
         """Show it where it came from an autopilot."""
-        if frame.direction == _FROM_AUTOPILOT and frame.fate is Fate.DELIVERED:
+        if frame.fate is Fate.DELIVERED:
+            self.show(frame)
+
+    def show(self, frame: Frame) -> None:
+        """The same whatever became of it."""
+        if frame.direction == _FROM_AUTOPILOT:
             place = self._places.get(frame.link)
             if place is not None and self._ports.watched(place):
                 self._ports.show(place, frame.payload)

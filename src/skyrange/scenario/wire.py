@@ -76,12 +76,14 @@ def wire(
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
     local: Container[str] | None = None,
+    motion: bool = False,
 ) -> Rig:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
     `taps` and `attacks` are placed on the scenario's links, by name or pattern. With `local` only what lives at these
     endpoints is built, as a process needs it that runs a part of the range: world, oracle and autopilots where
-    `oracle` is among them.
+    `oracle` is among them. `motion` is the command line's word that vehicles outside may be moved; the scenario's is
+    needed too.
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
@@ -97,7 +99,7 @@ def wire(
     air = on_air(scenario, city, Chance(scenario.seed), made.radios, here)
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
     plans = {vehicle_id(operator.id, vehicle.id): flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet}
-    world, engines = _aircraft(scenario, city, chance) if whole else (None, [])
+    world, engines = _aircraft(scenario, city, chance, motion) if whole else (None, [])
     agents: list[Agent] = [*_approvals(scenario)] if APPROVAL in here else []
     for operator in scenario.operators:
         if endpoint(operator.id, "gcs") not in here:
@@ -180,7 +182,7 @@ def _network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
     return [*links, *air_network(scenario)], all_routes
 
 
-def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[World, list[EngineMount]]:
+def _aircraft(scenario: Scenario, city: City | None, chance: Chance, motion: bool) -> tuple[World, list[EngineMount]]:
     bodies = []
     specs: dict[str, list[tuple[int, VehicleSpec]]] = {}
     for row, (operator, vehicle) in enumerate(scenario.fleet):
@@ -207,8 +209,10 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance) -> tuple[Wo
         rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
         if len(members) == len(bodies):
             rows = slice(None)  # views instead of copies
-        made = scenario.autopilots.made(kind)
-        engine = find(AUTOPILOTS, kind)(kind, [spec for _, spec in members], datum, scenario.epoch, chance, **made)
+        factory, made = find(AUTOPILOTS, kind), scenario.autopilots.made(kind)
+        if getattr(factory, "guards_motion", False):
+            made["motion"] = motion
+        engine = factory(kind, [spec for _, spec in members], datum, scenario.epoch, chance, **made)
         mounts.append(EngineMount(engine, rows))
     return world, mounts
 

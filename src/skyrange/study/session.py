@@ -26,20 +26,23 @@ def fly(
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     report: bool = True,
+    motion: bool = False,
 ) -> RunRecord:
     """Run `scenario` into the folder `out`, or the first free one of `runs/NAME`, and write its report.
 
     `speed` is that of `Run.execute`; without one a run that is watched goes in real time, or at the pace of engines
     that have one, and any other as fast as it goes. `taps` and `attacks` are placed on its links. `viewers` are served
-    between steps; closing them is the caller's. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report
-    is there as well.
+    between steps; closing them is the caller's. `motion` is that of `Run.start`. Errors as `Run.execute`; after a
+    `ShortfallError` (Ctrl-C) the report is there as well.
     """
     asked = 0.0 if speed is None else speed
     Pace(asked)  # refuses what is no speed before there is a folder
     if viewers is None:
-        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks)
+        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, motion=motion)
     else:
-        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, observers=[viewers], fuse=False)
+        run = Run.start(
+            scenario, out, speed=asked, taps=taps, attacks=attacks, observers=[viewers], fuse=False, motion=motion
+        )
         on_progress = _serving(viewers, on_progress)
     if speed is None and viewers is not None and not run.on_wall_clock:
         asked = 1.0
@@ -82,6 +85,7 @@ def run(
     attacks: Sequence[AttackPlan] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
+    motion: bool = False,
 ) -> RunRecord:
     """Fly a scenario and return its record; the Python spelling of `skyrange run`.
 
@@ -89,7 +93,7 @@ def run(
     free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
     `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps` and `attacks`
     are placed on its links by name or pattern. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best
-    at `speed` 1.
+    at `speed` 1. `motion` is `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles be moved.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -97,4 +101,13 @@ def run(
     else:
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
     folder = Path(out) if out is not None else None
-    return fly(scenario, folder, speed=speed, taps=taps, attacks=attacks, viewers=viewers, on_progress=on_progress)
+    return fly(
+        scenario,
+        folder,
+        speed=speed,
+        taps=taps,
+        attacks=attacks,
+        viewers=viewers,
+        on_progress=on_progress,
+        motion=motion,
+    )

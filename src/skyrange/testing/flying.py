@@ -56,7 +56,7 @@ class Flight:
                 row for row, vehicle in zip(rows.tolist(), engine.vehicles, strict=True) if vehicle in engine.moves
             ]
             if moved:
-                self.world.set_source(np.array(moved), Source.KINEMATIC)
+                self.world.set_source(np.array(moved), getattr(engine, "source", Source.KINEMATIC))
         self._boxes: dict[int, list[Arrival]] = {number: [] for number in range(len(self.engines))}
 
     def fly(

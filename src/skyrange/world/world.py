@@ -300,7 +300,7 @@ class World:
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
         """From now on these move some bodies; each goes on from where it is, with motors at rest."""
-        self._imposed.set_led(rows, source is Source.KINEMATIC, self._velocity)
+        self._imposed.set_led(rows, source is not Source.DYNAMIC, self._velocity)
         self._commands[rows] = 0.0
         sources = list(self._sources)
         for row in rows.tolist():
@@ -308,9 +308,9 @@ class World:
         self._sources = tuple(sources)
 
     def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
-        """Say where kinematic bodies are now; the next tick takes them from there on (see `imposed`).
+        """Say where bodies are now that are not dynamic; the next tick takes them from there on (see `imposed`).
 
-        Raises ValueError for a pose that no body can have, or of a body that is not kinematic; none is taken then.
+        Raises ValueError for a pose that no body can have, or of a body that is dynamic; none is taken then.
         """
         self._imposed.take(np.arange(len(self.vehicles))[rows], poses, self.vehicles)
 

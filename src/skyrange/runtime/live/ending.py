@@ -10,6 +10,7 @@ from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record.folder import PARTS
 from skyrange.record.merge import gather
 from skyrange.runtime.live.launch import part_of
+from skyrange.runtime.live.plan import LOOPBACK
 from skyrange.runtime.live.range import Range
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
@@ -51,6 +52,7 @@ def _live(flown: Range) -> dict[str, Any]:
         "namespaces": dict(flown.spaces.names) if flown.spaces is not None else {},
         "clocks": flown.clocks,
         "refused": flown.refused,
+        "viewers": {vehicle: f"tcp://{LOOPBACK}:{port}" for vehicle, port in flown.watched},
         "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
         "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
         "ended": {member.name: member.ended for member in flown.members.values() if member.ended},

@@ -130,6 +130,8 @@ class Machines:
         _, blob = await self._answer(machine, self.desk.tell(who, "parts"))
         for name, size in json.loads(blob):
             at = 0
+            if not size:
+                write_chunk(into / PARTS, name, 0, b"")
             while at < size:
                 said, piece = await self._answer(machine, self.desk.tell(who, "fetch", name=name, offset=at))
                 if said.get("name") != name or said.get("offset") != at or not piece:

@@ -20,7 +20,9 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
+from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Frame
+from skyrange.agent.links import MIN_LATENCY_NS
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.io.mavlink_sockets import Address
@@ -33,6 +35,8 @@ from skyrange.runtime.live.clock import RangeClock
 from skyrange.runtime.live.control import Phone
 from skyrange.runtime.live.ends import End, calling, listening
 from skyrange.runtime.live.passes import Passes
+from skyrange.runtime.live.tap_door import Taps
+from skyrange.runtime.live.viewing import Viewing, Watched
 from skyrange.runtime.live.warm import warm_up
 from skyrange.scenario.load import load_file
 from skyrange.scenario.wire import Rig, wire
@@ -57,6 +61,10 @@ class Orders:
     control: Address
     crossings: tuple[Crossing, ...]
     passes: Passes
+    motion: bool = False
+    """Whether the command line lets vehicles outside the range be moved."""
+    watched: Watched = ()
+    """Aircraft of this node that viewers see, and where."""
 
     def to_json(self) -> str:
         """As the file has it."""
@@ -93,11 +101,14 @@ class Node:
     def __init__(self, orders: Orders, rig: Rig, recorder: Recorder) -> None:
         self.counts = Counts()
         self._orders = orders
-        self._kernel = Kernel(replace(rig.wiring, fuse=False), [recorder])
+        self._viewing = Viewing(orders.watched) if orders.watched else None
+        observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
+        self._kernel = Kernel(replace(rig.wiring, fuse=False), observers)
         self._recorder = recorder
         self._duration_ns = rig.duration_ns
         self._clock: RangeClock | None = None
         self._ends: dict[str, End] = {}
+        self._taps = Taps(orders.crossings, frozenset(orders.endpoints), recorder)
         self._waiting: list[tuple[Time, str, bytes]] = []
         self._resting: asyncio.Future[None] | None = None
         self._pending: list[tuple[Time, int, Transit]] = []
@@ -110,6 +121,10 @@ class Node:
     async def bind(self) -> None:
         """Hold the addresses at which others call."""
         await self._open(listening, mine=True)
+
+    async def admit(self, folder: Path) -> None:
+        """Let tap processes in, by a door in `folder`."""
+        await self._taps.open(folder, lambda: None if self._clock is None else self._clock.now(), self._awake.set)
 
     async def connect(self) -> None:
         """Call the others."""
@@ -161,6 +176,8 @@ class Node:
     async def fly(self, zero_ns: int) -> str:
         """Until the end, or until it is stopped; how it ended, as a record's status."""
         clock = self._clock = RangeClock(zero_ns)
+        if self._viewing is not None:
+            self._viewing.open()
         self._began_cpu_s = time.process_time()
         while not self._stopped:
             now = clock.now()
@@ -169,7 +186,7 @@ class Node:
                 if self._kernel.now >= self._duration_ns:
                     return "complete"
             due = self._pending[0][0] if self._pending else self._duration_ns
-            due = max(min(self._kernel.due, due, self._duration_ns), 0)
+            due = max(min(self._kernel.due, due, self._taps.due, self._duration_ns), 0)
             await self._rest((due - clock.now()) / NS_PER_S)
         return self._stopped
 
@@ -199,11 +216,32 @@ class Node:
         until = min(now, max(kernel.now, min(kernel.due, now)) + SLICE_NS)
         heard, self._waiting = self._waiting, []
         inbound = [self._transit(lane, data, max(at, kernel.now + 1)) for at, lane, data in heard]
+        inbound = self._tapped(now, inbound)
         for transit in kernel.advance(until, inbound):
             self._pushed += 1
             heappush(self._pending, (transit.arrival, self._pushed, transit))
         while self._pending and self._pending[0][0] <= now:
-            self._say(heappop(self._pending)[2])
+            frame = heappop(self._pending)[2].frame
+            if self._taps.holds(frame.link):
+                self._taps.take(now, frame, outgoing=True)
+            else:
+                self._say(frame)
+
+    def _tapped(self, now: Time, inbound: list[Transit]) -> list[Transit]:
+        """What comes in after those taps that are processes of their own; what they let out is said."""
+        free = []
+        for transit in inbound:
+            if self._taps.holds(transit.frame.link):
+                self._taps.take(now, transit.frame, outgoing=False)
+            else:
+                free.append(transit)
+        for frame, outgoing in self._taps.turn(now):
+            if outgoing:
+                self._say(frame)
+            else:
+                arrival = max(now, self._kernel.now + 1, frame.sent_ns + MIN_LATENCY_NS)
+                free.append(Transit(arrival, f"{frame.link}:{frame.direction}", frame))
+        return free
 
     def _transit(self, lane: str, data: bytes, arrival: Time) -> Transit:
         """What was heard, as the kernel takes it: who truly sent it, and when, is known where it was sent."""
@@ -214,9 +252,10 @@ class Node:
         src, dst = self._kernel.lane(lane)
         return Transit(arrival, lane, Frame(link, direction, src, serial, src, dst, arrival, data))
 
-    def _say(self, transit: Transit) -> None:
-        frame = transit.frame
+    def _say(self, frame: Frame) -> None:
         self._recorder.on_frame(frame)  # in flight, as far as is known here
+        if self._viewing is not None:
+            self._viewing.leaves(frame)
         end = self._ends.get(frame.link)
         if end is not None and end.send(frame.payload):
             self.counts.sent += 1
@@ -229,6 +268,7 @@ class Node:
         now = self._clock.now() if self._clock is not None else 0
         return {
             **asdict(self.counts),
+            **(self._viewing.status if self._viewing is not None else {}),
             "now_ns": self._kernel.now,
             "lag_ns": max(min(now, self._duration_ns) - self._kernel.due, 0),
             "cpu_s": time.process_time() - self._began_cpu_s,
@@ -239,8 +279,11 @@ class Node:
         for _, _, transit in sorted(self._pending, key=lambda entry: entry[:2]):
             self._recorder.on_frame(transit.frame)
         self._pending.clear()
+        self._taps.close(self._kernel.now)
         for end in self._ends.values():
             end.close()
+        if self._viewing is not None:
+            self._viewing.close()
         self._kernel.finish()
 
 
@@ -252,7 +295,7 @@ async def serve(orders: Orders, root: Path) -> int:
         await phone.tell("hello")
         try:
             scenario, here = load_file(root / "scenario.toml"), frozenset(orders.endpoints)
-            rig = wire(scenario, local=here)
+            rig = wire(scenario, local=here, motion=orders.motion)
             await _until(phone, "warm_up")
             warm_up(scenario)
             return await _serve(orders, phone, rig, root / orders.part)
@@ -277,6 +320,7 @@ async def _serve(orders: Orders, phone: Phone, rig: Rig, part: Path) -> int:
     status, error = "failed", ""
     try:
         await node.bind()
+        await node.admit(Path(f"{part}.program"))
         await phone.tell("bound")
         await _until(phone, "connect")
         await node.connect()

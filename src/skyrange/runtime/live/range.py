@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from skyrange.core.errors import Fault, InputError
+from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
 from skyrange.io.curve_keys import Keys
 from skyrange.io.programs import Program
@@ -17,6 +18,7 @@ from skyrange.runtime.live.addresses import Crossing, check_free, crossings
 from skyrange.runtime.live.control import Message
 from skyrange.runtime.live.namespaces import Namespaces, namespaces
 from skyrange.runtime.live.plan import Group, Plan, component_of, plan
+from skyrange.runtime.live.viewing import Watched, watched
 from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, wire
@@ -62,6 +64,10 @@ class Range:
     control_port: int = 0
     spaces: Namespaces | None = None
     """The networks of operators and aircraft, if they have their own on this machine."""
+    motion: bool = False
+    """Whether vehicles outside the range may be moved, where the scenario allows it too."""
+    watched: Watched = ()
+    """Aircraft that viewers see, and where."""
     members: dict[str, Member] = field(default_factory=dict)
     waits_for: list[str] = field(default_factory=list)
     """Addresses of machines that have not joined yet."""
@@ -104,12 +110,15 @@ def prepare(
     on_death: OnDeath = "stop",
     keys: Keys | None = None,
     netns: bool = False,
+    motion: bool = False,
+    viewer_port: int | None = None,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
+    With a `viewer_port` ground stations can watch there, as `runtime.viewers` has it; no offset moves that.
     Raises `InputError` with all that is wrong, before anything is written.
     """
-    rig = wire(scenario)
+    rig = wire(scenario, motion=motion)
     links = rig.wiring.links
     if netns and scenario.hosts:
         raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")
@@ -124,7 +133,9 @@ def prepare(
     check_free([one for one in here if spaces is None])  # in networks that are not there yet nobody is
     _check_attacks(rig)
     control_port = CONTROL_PORT + port_offset if planned.others else 0
-    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port, spaces)
+    fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
+    seen = watched(fleet, viewer_port) if viewer_port is not None else ()
+    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port, spaces, motion, seen)
 
 
 def _check_attacks(rig: Rig) -> None:

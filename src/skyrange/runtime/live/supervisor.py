@@ -25,7 +25,7 @@ from skyrange.runtime.live.ending import merge
 from skyrange.runtime.live.joining import Machine, Machines
 from skyrange.runtime.live.node import Orders
 from skyrange.runtime.live.passes import Passes, issue
-from skyrange.runtime.live.plan import LOOPBACK
+from skyrange.runtime.live.plan import LOOPBACK, WORLD
 from skyrange.runtime.live.range import Member, OnLook, Range, State
 
 LEAD_NS: Final = 300_000_000
@@ -145,6 +145,8 @@ class _Supervisor:
             control=self._desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
             passes=self._passes,
+            motion=flown.motion,
+            watched=flown.watched if node.name == WORLD else (),
         )
 
     async def _start(self) -> None:

@@ -1,0 +1,46 @@
+"""What does `skyrange tap` do at a terminal? It stands on a link until the range ends, and says what it did."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from skyrange.cli.commands import print_json
+
+
+def tap(
+    link: str, listen: str, run: Path | None, hold_ms: float, fail: str, name: str, wait_s: float, as_json: bool
+) -> None:
+    """`skyrange tap`."""
+    from pydantic import ValidationError
+
+    from skyrange.core.errors import InputError
+    from skyrange.runtime.live.tap import Tapping, loopback
+    from skyrange.runtime.live.tapping import Terms
+
+    given: dict[str, Any] = {"link": link, "name": name, "hold_ms": hold_ms, "fail": fail}
+    try:
+        terms = Terms.model_validate(given)
+    except ValidationError as error:
+        raise InputError.one("tap", "--name", name, "1 to 32 letters, digits, '-' or '_'") from error
+    tapping = Tapping(terms, loopback(listen), run or newest(), wait_s)
+    try:
+        tapping.serve(lambda line: print(line, file=sys.stderr, flush=True))
+    except KeyboardInterrupt:
+        print("tap: taken off the link", file=sys.stderr)
+    if as_json:
+        print_json(dict(tapping.counts))
+    else:
+        print(f"{link}: " + (", ".join(f"{count} {what}" for what, count in tapping.counts.items()) or "no word"))
+
+
+def newest() -> Path:
+    """The newest live range's folder under `runs`. `InputError` where there is none."""
+    from skyrange.core.errors import InputError
+    from skyrange.record.folder import PARTS
+
+    found = sorted(Path("runs").glob(f"*/{PARTS}"), key=lambda path: path.stat().st_mtime)
+    if not found:
+        raise InputError.one("tap", "--run", "no live range under runs", "the folder of one")
+    return found[-1].parent

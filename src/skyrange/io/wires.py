@@ -1,0 +1,364 @@
+"""How is an autopilot reached that runs anyway? A MAVLink wire over TCP, UDP or a serial device, mended when cut.
+
+Nothing here waits: a connection that is not there is tried again each second, by whoever reads. One wire is one peer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import ipaddress
+import os
+import select
+import socket
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from time import monotonic, sleep
+from typing import Any, Final, Literal
+
+from skyrange.codec.deframe import Deframer, Piece
+from skyrange.core.errors import InputError, nearest
+
+Kind = Literal["tcp", "udpin", "udpout", "serial"]
+FORMS: Final = {
+    "tcp": "tcp:ADDRESS:PORT",
+    "udpin": "udpin:ADDRESS:PORT",
+    "udpout": "udpout:ADDRESS:PORT",
+    "serial": "serial:DEVICE:BAUD",
+}
+AGAIN_S: Final = 1.0
+"""Between two attempts to connect."""
+CONNECT_S: Final = 5.0
+"""An attempt that is not answered for so long is given up."""
+MOST_READ: Final = 1 << 14
+"""Bytes taken in at once; what else a flood holds waits in the system's own, bounded, buffers."""
+MOST_BAUD: Final = 4_000_000
+_DATAGRAM: Final = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where an autopilot is: `host` and `port`, or a serial device as `host` and its baud rate as `port`."""
+
+    kind: Kind
+    host: str
+    port: int
+
+    @classmethod
+    def of(cls, text: str, where: str = "address") -> Address:
+        """The address that `text` is, in one of `FORMS`; `InputError` for another."""
+        word, _, rest = text.partition(":")
+        kind = next((one for one in FORMS if one == word), None)
+        if kind is None:
+            forms = ", ".join(FORMS.values())
+            raise InputError.one("wire", where, text, f"one of {forms}", nearest(word, FORMS))
+        host, _, number = rest.rpartition(":")
+        host = host.removeprefix("[").removesuffix("]")
+        most = MOST_BAUD if kind == "serial" else 65_535
+        if not host or not (number.isascii() and number.isdigit() and len(number) < 8 and 1 <= int(number) <= most):
+            raise InputError.one("wire", where, text, FORMS[kind])
+        if kind != "serial" and not _is_address(host):
+            raise InputError.one("wire", where, text, f"{FORMS[kind]} with an IP address, or localhost")
+        return cls(kind, host, int(number))  # type: ignore[arg-type]
+
+    def __str__(self) -> str:
+        host = f"[{self.host}]" if ":" in self.host and self.kind != "serial" else self.host
+        return f"{self.kind}:{host}:{self.port}"
+
+
+def _is_address(host: str) -> bool:
+    """Names are looked up by asking others, who may let us wait in flight."""
+    if host == "localhost":
+        return True
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+class Wire(ABC):
+    """One connection (`wire_to` makes it). It is opened by the first `read`."""
+
+    def __init__(self, address: Address) -> None:
+        self.address = address
+        self.trouble = "not tried yet"
+        """Why nobody is there; "" while somebody is."""
+        self.strangers = 0
+        """Datagrams of others than the peer."""
+        self.unsent = 0
+        """Frames that found no room."""
+        self._deframer = Deframer()
+        self._rest = b""
+        """Of a frame that was begun and did not fit."""
+        self._due_s = 0.0
+
+    @property
+    def connected(self) -> bool:
+        """Whether what is written goes somewhere."""
+        return not self.trouble
+
+    def read(self) -> list[Piece]:
+        """What was said since the last time, deframed. Connects where that is due."""
+        if not self._holds():
+            if monotonic() < self._due_s:
+                return []
+            self._due_s = monotonic() + AGAIN_S
+            try:
+                self._open()
+            except (OSError, ValueError) as error:
+                self._lose(_words(error))
+                return []
+        try:
+            return self._take()
+        except (OSError, TypeError) as error:  # pyserial raises a TypeError where its port is gone
+            left = self._deframer.finish()
+            self._lose(_words(error))
+            return left
+
+    def write(self, frame: bytes) -> bool:
+        """Say one frame; False where nobody is there or there is no room for it."""
+        if not self.connected:
+            return False
+        try:
+            if self._rest:
+                self._rest = self._rest[self._put(self._rest) :]
+            if self._rest:
+                self.unsent += 1
+                return False
+            put = self._put(frame)
+        except (OSError, TypeError) as error:
+            self._lose(_words(error))
+            return False
+        if put == 0:
+            self.unsent += 1
+            return False
+        self._rest = frame[put:]  # a frame that was begun is ended before the next
+        return True
+
+    def again(self, why: str) -> None:
+        """Give this connection up, as nobody speaks, and try anew."""
+        if self._holds():
+            self._lose(why)
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give it back. Again does nothing."""
+
+    @abstractmethod
+    def _holds(self) -> bool:
+        """Whether there is a socket or device, be it connected or not yet."""
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Begin to connect. `OSError` where that fails at once."""
+
+    @abstractmethod
+    def _take(self) -> list[Piece]:
+        """What is there to be read. `OSError` where the connection is lost."""
+
+    @abstractmethod
+    def _put(self, data: bytes) -> int:
+        """Write as much as there is room for; how much that was."""
+
+    def _lose(self, why: str) -> None:
+        self.close()
+        self.trouble, self._rest, self._deframer = why, b"", Deframer()
+
+
+class _Socket(Wire):
+    """What those over sockets share."""
+
+    _socket: socket.socket | None = None
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        self.trouble = self.trouble or "closed"
+
+    def _holds(self) -> bool:
+        return self._socket is not None
+
+    def _made(self, kind: socket.SocketKind) -> socket.socket:
+        family = socket.AF_INET6 if ":" in self.address.host else socket.AF_INET
+        made = self._socket = socket.socket(family, kind)
+        made.setblocking(False)
+        return made
+
+    @property
+    def _place(self) -> tuple[str, int]:
+        host = self.address.host
+        return ("127.0.0.1" if host == "localhost" else host), self.address.port
+
+
+class _Tcp(_Socket):
+    """Calls, as a ground station calls SITL."""
+
+    _begun_s = 0.0
+
+    def _open(self) -> None:
+        made = self._made(socket.SOCK_STREAM)
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._begun_s = monotonic()
+        self.trouble = "not answered yet"
+        error = made.connect_ex(self._place)
+        if error not in (0, errno.EINPROGRESS):
+            raise OSError(error, os.strerror(error))
+
+    def _take(self) -> list[Piece]:
+        assert self._socket is not None
+        if self.trouble and not self._answered(self._socket):
+            return []
+        data = b""
+        with contextlib.suppress(BlockingIOError):
+            data = self._socket.recv(MOST_READ)
+            if not data:
+                raise ConnectionResetError(errno.ECONNRESET, "closed by the other side")
+        return self._deframer.feed(data)
+
+    def _answered(self, one: socket.socket) -> bool:
+        ready = select.poll()
+        ready.register(one, select.POLLOUT)
+        if not ready.poll(0):
+            if monotonic() - self._begun_s > CONNECT_S:
+                raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT))
+            return False
+        error = one.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if error:
+            raise OSError(error, os.strerror(error))
+        self.trouble = ""
+        return True
+
+    def _put(self, data: bytes) -> int:
+        assert self._socket is not None
+        with contextlib.suppress(BlockingIOError):
+            return self._socket.send(data)
+        return 0
+
+
+class _Udp(_Socket):
+    """A datagram is a whole: what it leaves unfinished is garbage."""
+
+    def _pieces(self, data: bytes) -> list[Piece]:
+        return [*self._deframer.feed(data), *self._deframer.finish()]
+
+    def _heard(self, data: bytes, peer: Any) -> list[Piece]:
+        return self._pieces(data)
+
+    def _take(self) -> list[Piece]:
+        assert self._socket is not None
+        pieces: list[Piece] = []
+        taken = 0
+        while taken < MOST_READ:
+            try:
+                data, peer = self._socket.recvfrom(_DATAGRAM)
+            except BlockingIOError:
+                break
+            except ConnectionRefusedError:  # nobody is there yet: one's own datagram came back
+                continue
+            taken += max(len(data), 64)
+            pieces += self._heard(data, peer)
+        return pieces
+
+
+class _UdpOut(_Udp):
+    """Speaks first, to one place, and hears that alone."""
+
+    def _open(self) -> None:
+        self._made(socket.SOCK_DGRAM).connect(self._place)
+        self.trouble = ""
+
+    def _put(self, data: bytes) -> int:
+        assert self._socket is not None
+        with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+            self._socket.send(data)
+        return len(data)
+
+
+class _UdpIn(_Udp):
+    """Waits to be spoken to: whoever says a MAVLink frame first is the peer, until `again`."""
+
+    _peer: Any = None
+
+    def _open(self) -> None:
+        self._peer = None
+        self._made(socket.SOCK_DGRAM).bind(self._place)
+        self.trouble = "nobody has called"
+
+    def _heard(self, data: bytes, peer: Any) -> list[Piece]:
+        if self._peer is not None and peer != self._peer:
+            self.strangers += 1
+            return []
+        pieces = self._pieces(data)
+        if self._peer is None and any(not piece.garbage for piece in pieces):
+            self._peer, self.trouble = peer, ""
+        return pieces
+
+    def _put(self, data: bytes) -> int:
+        assert self._socket is not None
+        with contextlib.suppress(BlockingIOError):
+            self._socket.sendto(data, self._peer)
+        return len(data)
+
+
+class _Serial(Wire):
+    """A device, by pyserial."""
+
+    _port: Any = None
+
+    def close(self) -> None:
+        if self._port is not None:
+            with contextlib.suppress(OSError, TypeError):
+                self._port.close()
+            self._port = None
+        self.trouble = self.trouble or "closed"
+
+    def _holds(self) -> bool:
+        return self._port is not None
+
+    def _open(self) -> None:
+        import serial
+
+        self._port = serial.Serial(
+            self.address.host, self.address.port, timeout=0, write_timeout=0, exclusive=True
+        )  # fmt: skip
+        self.trouble = ""
+
+    def _take(self) -> list[Piece]:
+        return self._deframer.feed(self._port.read(MOST_READ))
+
+    def _put(self, data: bytes) -> int:
+        with contextlib.suppress(BlockingIOError):  # pyserial's own `write` would try until there is room
+            return os.write(self._port.fileno(), data)
+        return 0
+
+
+_KINDS: Final[dict[str, type[Wire]]] = {"tcp": _Tcp, "udpin": _UdpIn, "udpout": _UdpOut, "serial": _Serial}
+
+
+def wire_to(address: Address) -> Wire:
+    """A wire to `address`, not opened yet. `InputError` where what a serial device needs is not installed."""
+    if address.kind == "serial":
+        try:
+            import serial  # noqa: F401
+        except ImportError:
+            raise InputError.one(
+                "wire",
+                str(address),
+                "no pyserial",
+                "pyserial, which serial devices need",
+                "pip install skyrange[serial]",
+            ) from None
+    return _KINDS[address.kind](address)
+
+
+def rest(seconds: float) -> None:
+    """Let so much of the machine's time pass."""
+    sleep(max(seconds, 0.0))
+
+
+def _words(error: Exception) -> str:
+    """What is wrong, in the system's words."""
+    told = getattr(error, "errno", None)
+    return (os.strerror(told) if isinstance(told, int) else str(error) or type(error).__name__).lower()

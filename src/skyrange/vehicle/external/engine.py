@@ -1,0 +1,160 @@
+"""Vehicles that the range did not start: real autopilots, or foreign simulations, in a world that only sees them.
+
+Their reports are their truth, imposed on bodies that go on by their velocity in between. Their bytes are the link
+`autopilot`, and what the range says goes out through the interlock. Nobody's time is held: they fly on the machine's
+clock, and whoever drives the kernel holds it to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, Source
+from skyrange.agent.messages import Inbox, Outbox
+from skyrange.core.chance import Chance
+from skyrange.core.errors import ComponentError
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import Port, endpoint, link_name
+from skyrange.core.time import NS_PER_S, Epoch, Time, ceil_to
+from skyrange.io.sitl import wall_s
+from skyrange.io.wires import rest, wire_to
+from skyrange.vehicle.ardupilot.truth import Truth
+from skyrange.vehicle.external.contact import Contact
+from skyrange.vehicle.external.options import Options
+from skyrange.vehicle.spec import VehicleSpec
+from skyrange.world.airframes import MOTORS
+
+QUANTUM_NS: Final[Time] = 2_500_000
+"""The world's tick."""
+
+
+class External:
+    """An engine (contract: `agent.contracts.WallEngine`). It connects with its first tick.
+
+    `motion` is the command line's word: with the scenario's `allow_motion` it opens the interlock.
+    """
+
+    service_ns: Time = QUANTUM_NS
+    clock: Literal["lockstep", "wall"] = "wall"
+    repeatable: Literal["bytes", "outcome"] = "outcome"
+    pace = 1.0
+    waits = False
+    source = Source.EXTERNAL
+
+    def __init__(
+        self, name: str, specs: Sequence[VehicleSpec], origin: Origin, options: Options, motion: bool = False
+    ) -> None:
+        """Connects nobody yet. Raises `InputError` for vehicles that `options` does not reach, or that are none."""
+        self.name = name
+        self.vehicles = [spec.vehicle for spec in specs]
+        self.moves = self.vehicles
+        self.ports = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
+        self.preroll_ns: Time = ceil_to(round(options.boot_s * NS_PER_S), QUANTUM_NS)
+        self._places = {port: place for place, port in enumerate(self.ports)}
+        self._origin = origin
+        self._options = options
+        self._open = (options.allow_motion, motion)
+        wires = [wire_to(address) for address in options.addresses(self.vehicles)]
+        self._contacts = [
+            Contact(spec, wire, all(self._open), options.rate_hz) for spec, wire in zip(specs, wires, strict=True)
+        ]
+        self._truth = Truth(len(specs))
+        self._motors = np.zeros((len(specs), MOTORS))
+        """Nobody knows what theirs are told."""
+        self._began: tuple[Time, float] | None = None
+        self._said_open = False
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> External:
+        raise ComponentError(f"engine {self.name}", "what flies outside cannot be copied", "Fork a run of builtins")
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """Where each is, what the interlock was, and once it has flown what that has let pass and refused."""
+        counted = self._began is not None
+        return {
+            "interlock": self._interlock,
+            "vehicles": {
+                one.spec.vehicle: {"connect": str(one.wire.address)} | (one.counts if counted else {})
+                for one in self._contacts
+            },
+        }
+
+    @property
+    def _interlock(self) -> dict[str, Any]:
+        scenario, switch = self._open
+        return {"state": "open" if scenario and switch else "closed", "scenario": scenario, "command_line": switch}
+
+    def why(self, vehicle: str) -> str:
+        """Why a vehicle is not ready, in words; "" where nothing is known to be wrong."""
+        return self._contacts[self.vehicles.index(vehicle)].why
+
+    # ---------------------------------------------------------------- a tick
+
+    def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
+        """Hand over the mail that may leave."""
+        if self._began is None:
+            self._began = tick, wall_s()
+        for arrival in inbox:
+            self._contacts[self._places[arrival.port]].tell(arrival)
+
+    def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
+        """Take what they have said. Before time 0 it is held to the machine's clock while one is still to come."""
+        outbox = Outbox()
+        if tick < 0 and any(one.status is InstanceStatus.BOOTING for one in self._contacts):
+            assert self._began is not None
+            first, began_s = self._began
+            rest(began_s + (tick - first) / NS_PER_S - wall_s())
+        now_s = wall_s()
+        for row, one in enumerate(self._contacts):
+            for piece in one.wire.read():
+                if tick >= 0:
+                    outbox.send(self.ports[row], piece.data)
+                one.heard(piece, now_s, self._origin)
+            one.ask(now_s)
+            one.judge(now_s, wall_deadline_s)
+            if one.late_ns is not None and one.reports.place is not None:
+                self._truth.tell(row, one.reports.place, one.late_ns)
+                one.late_ns = None
+        if tick >= 0:
+            self._tell(outbox)
+        return Finished(self._motors, outbox, [one.status for one in self._contacts], self._truth.take())
+
+    def _tell(self, outbox: Outbox) -> None:
+        """What is to be noted; before time 0 it waits."""
+        for one in self._contacts:
+            if not self._said_open:
+                outbox.note("event.interlock", one.spec.vehicle, self._interlock)
+            for kind, data, causes in one.said():
+                outbox.note(kind, one.spec.vehicle, data, causes)
+        self._said_open = True
+
+    def close(self) -> None:
+        """Hang up. Again does nothing."""
+        for one in self._contacts:
+            one.wire.close()
+
+
+class _Factory:
+    options = Options
+    guards_motion = True
+    """It takes the command line's word on motion, as keyword `motion`."""
+
+    def __call__(
+        self,
+        name: str,
+        specs: Sequence[VehicleSpec],
+        origin: Origin,
+        epoch: Epoch,
+        chance: Chance,
+        options: Options | None = None,
+        *,
+        motion: bool = False,
+    ) -> External:
+        return External(name, specs, origin, options or Options(), motion)
+
+
+ExternalFleet: Final = _Factory()
+"""What is registered as the autopilot `external`. Raises `InputError` as `External` does."""

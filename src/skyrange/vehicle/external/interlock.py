@@ -1,0 +1,156 @@
+"""May this frame go out to a vehicle that can hurt somebody? The safety interlock: what is not allowed does not leave.
+
+Closed, what only reads or asks for telemetry passes, by a list of what is harmless; open, whatever this one vehicle is
+told. Either way what is no whole frame of the dialect, or is for another system, stays here.
+
+Three things are less obvious than arming:
+
+- A ground station's HEARTBEAT is held back too: an autopilot takes its end for a lost link, and returns or lands
+  (FS_GCS_ENABLE), and while it comes it hides that the real ground station's has ended.
+- A frame must not carry another one: where a byte is lost on a radio, the receiver looks for the next frame inside what
+  follows. So no place in all that was written may begin a frame that would not have passed by itself.
+- MAVLink 1 makes some autopilots answer in it, signatures are 13 free bytes, and a MAVLink 2 frame may be longer than
+  its definition. None of these is needed to ask.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
+
+from skyrange.codec.deframe import Deframer
+from skyrange.codec.mavlink import Message, decode, message_name
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, SIGNATURE, SIGNED
+from skyrange.core.errors import DecodeError
+
+MOST_HZ: Final = 50.0
+"""No message may be asked for more often while it is closed: a telemetry radio is shared with who flies it."""
+LONGEST: Final = HEADER_V2 + 255 + CHECKSUM + SIGNATURE
+_AUTOPILOT: Final = (0, int(mav.MAV_COMP_ID_AUTOPILOT1))
+_OTHERS: Final = "for another system"
+_NOT_ASKING: Final = "more than asking"
+
+
+def _rate(interval_us: float) -> bool:
+    return interval_us == 0.0 or (math.isfinite(interval_us) and interval_us >= 1e6 / MOST_HZ)
+
+
+def _always(_: Message) -> bool:
+    return True
+
+
+COMMANDS: Final[Mapping[int, Callable[[Message], bool]]] = {
+    mav.MAV_CMD_GET_HOME_POSITION: _always,
+    mav.MAV_CMD_GET_MESSAGE_INTERVAL: _always,
+    mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _always,
+    mav.MAV_CMD_REQUEST_MESSAGE: _always,
+    mav.MAV_CMD_REQUEST_PROTOCOL_VERSION: _always,
+    mav.MAV_CMD_SET_MESSAGE_INTERVAL: lambda command: _rate(command.param2),
+}
+"""What may be commanded by COMMAND_LONG while it is closed, and with which parameters."""
+
+MESSAGES: Final[Mapping[int, Callable[[Message], bool]]] = {
+    mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION_REQUEST: _always,
+    mav.MAVLINK_MSG_ID_COMMAND_LONG: lambda said: COMMANDS.get(said.command, lambda _: False)(said),
+    mav.MAVLINK_MSG_ID_MISSION_ACK: _always,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST: _always,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _always,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _always,
+    mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: _always,
+    mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: _always,
+    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda said: said.req_message_rate <= MOST_HZ,
+}
+"""What may be said to the vehicle while it is closed."""
+UNADDRESSED: Final = frozenset((mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC))
+"""Passes too, to the vehicle or to all."""
+
+
+class Refusal(NamedTuple):
+    """Why a frame stays here; all three are words of our own, of which there are few."""
+
+    message: str
+    """Its name, "unknown" for one outside the dialect, "" for what is no frame."""
+    command: str
+    why: str
+
+
+class Interlock:
+    """Between the range and one vehicle of MAVLink system `system_id`; `open_` lets motion through."""
+
+    def __init__(self, system_id: int, open_: bool = False) -> None:
+        self.system_id = system_id
+        self.open = open_
+        self.passed = 0
+        self.refused: dict[Refusal, int] = {}
+        """How often, by reason."""
+        self._written = b""
+        """The last bytes that left."""
+
+    def judge(self, payload: bytes) -> Refusal | None:
+        """Why `payload` must not leave; `None` where it may. What may has left, as far as we are asked again."""
+        refusal = self._by_itself(payload) or self._hidden(payload)
+        if refusal is None:
+            self.passed += 1
+            self._written = (self._written + payload)[-LONGEST:]
+        else:
+            self.refused[refusal] = self.refused.get(refusal, 0) + 1
+        return refusal
+
+    def _by_itself(self, payload: bytes) -> Refusal | None:
+        try:
+            said = decode(payload)
+        except DecodeError:
+            return Refusal("", "", "not a whole frame of the dialect")
+        number = int(type(said).id)
+        refusal = Refusal(str(said.get_type()), _command(said), "")
+        targets = _targets(said)
+        if any(target not in (0, self.system_id) for target in targets):
+            return refusal._replace(why=_OTHERS)
+        if self.open:
+            asked = number in UNADDRESSED or not targets or self.system_id in targets
+            return None if asked else refusal._replace(why="for all systems")
+        if payload[0] == MAGIC_V1:
+            return refusal._replace(why="MAVLink 1")
+        if payload[2] & SIGNED:
+            return refusal._replace(why="signed")
+        if payload[1] > LAYOUTS[number].size:
+            return refusal._replace(why="longer than its definition")
+        if number in UNADDRESSED:
+            return None
+        if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
+            ours = said.get_srcSystem() == self.system_id and said.get_srcComponent() not in _AUTOPILOT
+            harmless = ours and said.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
+            return None if harmless else refusal._replace(why="heartbeats of a ground station arm its failsafe")
+        allowed = MESSAGES.get(number)
+        if allowed is None or not allowed(said):
+            return refusal._replace(why=_NOT_ASKING)
+        if targets != [self.system_id] or said.target_component not in _AUTOPILOT:
+            return refusal._replace(why="for another component" if self.system_id in targets else "for all systems")
+        return None
+
+    def _hidden(self, payload: bytes) -> Refusal | None:
+        """Whether a receiver that begins anywhere else finds what it should not."""
+        stream, begins = self._written + payload, len(self._written)
+        for at, byte in enumerate(stream):
+            if byte not in (MAGIC_V1, MAGIC_V2) or at == begins:
+                continue
+            found = Deframer().feed(stream[at:])
+            if found and not found[0].garbage and self._by_itself(found[0].data):
+                return Refusal(message_name(payload) or "", "", "another frame is hidden in it")
+        return None
+
+
+def _targets(said: Message) -> list[int]:
+    """The system that a message is for, if it says one; 0 is all of them."""
+    fields: Any = LAYOUTS[type(said).id].fields
+    return [getattr(said, name) for name, *_ in fields if name in ("target_system", "target")]
+
+
+def _command(said: Message) -> str:
+    number = getattr(said, "command", None)
+    if not isinstance(number, int):
+        return ""
+    entry = mav.enums["MAV_CMD"].get(number)
+    return str(entry.name) if entry is not None else "unknown"

@@ -1,0 +1,70 @@
+"""What may a scenario tell of its external vehicles? The table `[autopilots.options.external]`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydantic import Field, model_validator
+
+from skyrange.agent.settings import Number, Params, refuse
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.io.wires import FORMS, Address
+
+
+class Options(Params):
+    """Where the external vehicles of a scenario are, and what they may be told."""
+
+    connect: dict[str, str] = Field(
+        default_factory=dict,
+        description=f"Where each vehicle's MAVLink is, by operator/vehicle: {', '.join(FORMS.values())}.",
+    )
+    allow_motion: bool = Field(
+        default=False,
+        strict=True,
+        description="Let arming and motion commands through to them, where the command line says --allow-motion too.",
+    )
+    rate_hz: Number = Field(
+        default=10.0, ge=5, le=50, description="How often each is asked for its position and its attitude, in Hz."
+    )
+    boot_s: Number = Field(
+        default=20.0,
+        gt=0,
+        le=120,
+        description="Wall seconds before time 0 in which each has to be reached and to tell its position.",
+    )
+
+    @model_validator(mode="after")
+    def _can_be_reached(self) -> Options:
+        faults: list[Fault] = []
+        held: dict[Address, str] = {}
+        for vehicle, text in self.connect.items():
+            try:
+                address = Address.of(text, f"connect.{vehicle}")
+            except InputError as error:
+                faults += error.faults
+                continue
+            other = held.setdefault(address, vehicle)
+            if other != vehicle:
+                faults.append(Fault(f"connect.{vehicle}", text, f"a connection of its own; {other} has this one"))
+        if faults:
+            raise refuse(*faults)
+        return self
+
+    def addresses(self, vehicles: Sequence[str]) -> list[Address]:
+        """Where each of `vehicles` is. `InputError` for those that are not told of, and for others that are."""
+        known = "autopilots.options.external.connect"
+        faults = [
+            Fault(f"{known}.{name}", text, "an external vehicle of the scenario", nearest(name, vehicles))
+            for name, text in self.connect.items()
+            if name not in vehicles
+        ]
+        faults += [
+            Fault(
+                known, f"nothing for {vehicle}", "where it is reached", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".'
+            )
+            for vehicle in vehicles
+            if vehicle not in self.connect
+        ]
+        if faults:
+            raise InputError("external vehicles", faults)
+        return [Address.of(self.connect[vehicle]) for vehicle in vehicles]

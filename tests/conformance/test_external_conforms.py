@@ -1,0 +1,36 @@
+"""External vehicles keep the contract of engines, as far as one can that owns no time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from typing import Any
+
+import pytest
+
+from skyrange.core.time import NS_PER_S
+from skyrange.testing import check_engine
+from skyrange.testing.fleet import FLEET, ORIGIN
+from skyrange.vehicle.external.engine import External, ExternalFleet
+from skyrange.vehicle.external.options import Options
+from skyrange.vehicle.spec import VehicleSpec
+from tests.foreign_vehicle import Foreign
+
+pytestmark = pytest.mark.integration
+
+
+def test_external_vehicles_keep_the_contract() -> None:
+    specs = FLEET[:2]
+    with ExitStack() as stack:
+        ports = {
+            spec.vehicle: stack.enter_context(
+                Foreign(spec.system_id, lambda _, home=spec.home_enu_m: home, origin=ORIGIN)
+            ).port
+            for spec in specs
+        }
+
+        def factory(name: str, specs: Sequence[VehicleSpec], *rest: Any) -> External:
+            connect = {spec.vehicle: f"tcp:127.0.0.1:{ports[spec.vehicle]}" for spec in specs}
+            return ExternalFleet(name, specs, *rest, options=Options(connect=connect, boot_s=5.0))
+
+        check_engine(factory, specs=specs, until=NS_PER_S // 2, name="External")

@@ -1,0 +1,85 @@
+"""Whatever an external vehicle says, it is survived, and what is imposed of it is a pose that a body can have."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, cast
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyrange.codec.deframe import Deframer
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.wire import LAYOUTS, checksum, pack_header_v2
+from skyrange.io.wires import Address, Wire, wire_to
+from skyrange.vehicle.external.contact import Contact
+from skyrange.vehicle.external.interlock import Interlock
+from skyrange.vehicle.spec import VehicleSpec
+from tests.foreign_vehicle import ORIGIN
+
+READ = [
+    mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+    mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mav.MAVLINK_MSG_ID_STATUSTEXT,
+    mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED,
+]  # fmt: skip
+
+
+@st.composite
+def frames(draw: st.DrawFn) -> bytes:
+    number = draw(st.sampled_from(READ) | st.sampled_from(sorted(LAYOUTS)))
+    body = draw(st.binary(min_size=1, max_size=LAYOUTS[number].size))
+    system, component = draw(st.sampled_from([1, 1, 1, 9])), draw(st.sampled_from([1, 1, 154]))
+    covered = pack_header_v2(0xFD, len(body), 0, 0, 0, system, component, number & 0xFFFF, number >> 16) + body
+    return covered + checksum(covered[1:], LAYOUTS[number].crc_extra).to_bytes(2, "little")
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.lists(frames() | st.binary(max_size=60), max_size=20))
+def test_any_bytes_of_a_vehicle_are_survived(said: list[bytes]) -> None:
+    contact = Contact(VehicleSpec("blue/b1", 1), wire_to(Address("tcp", "127.0.0.1", 9)), False, 10.0)
+    deframer = Deframer()
+    for number, chunk in enumerate(said):
+        for piece in deframer.feed(chunk):
+            contact.heard(piece, 0.1 * number, ORIGIN)
+        contact.judge(0.1 * number, 5.0)
+        place = contact.reports.place
+        if contact.late_ns is not None:
+            assert place is not None
+            assert place.sound
+            assert max(map(abs, (*place.position_enu_m, *place.vel_enu_mps, *place.rates_radps))) <= 1e5
+            assert 0 <= contact.late_ns <= 1_000_000_000
+    for _, data, _ in contact.said():
+        assert all(isinstance(value, (str, int, float, bool)) for value in data.values())
+        assert all(math.isfinite(value) for value in data.values() if isinstance(value, float))
+
+
+class _Kept:
+    """A wire that keeps what is written to it."""
+
+    connected, trouble = True, ""
+
+    def __init__(self) -> None:
+        self.written = b""
+
+    def write(self, frame: bytes) -> bool:
+        self.written += frame
+        return True
+
+    def again(self, why: str) -> None:
+        return
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(1, 250), st.floats(5, 50), st.lists(st.floats(0.0, 40.0), max_size=10))
+def test_what_we_ask_for_ourselves_passes_a_closed_interlock(system: int, rate_hz: float, steps: list[float]) -> None:
+    wire = _Kept()
+    contact = Contact(VehicleSpec("blue/b1", system), cast("Wire", wire), False, rate_hz)
+    now_s = 0.0
+    for step in [0.0, *steps]:
+        now_s += step
+        contact.ask(now_s)
+    asked: list[Any] = [piece.data for piece in Deframer().feed(wire.written)]
+    assert len(asked) >= 3
+    other = Interlock(system)
+    assert [other.judge(frame) for frame in asked] == [None] * len(asked)
+    assert not contact.interlock.refused

@@ -1,0 +1,56 @@
+"""What does a viewer of a live range see? What leaves an autopilot, once; and a port that is taken stops the start."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from pathlib import Path
+
+import pytest
+
+from skyrange.agent.frames import Fate, Frame
+from skyrange.core.errors import InputError
+from skyrange.runtime.live.range import prepare
+from skyrange.runtime.live.viewing import Viewing, watched
+from skyrange.scenario.catalogue import load
+
+
+def said(direction: str, payload: bytes, fate: Fate = Fate.IN_FLIGHT) -> Frame:
+    frame = Frame("autopilot:blue/b1", direction, "a", 0, "a", "b", 0, payload)
+    frame.fate = fate
+    return frame
+
+
+def test_what_leaves_an_autopilot_is_shown_once_and_nothing_is_heard() -> None:
+    async def watch() -> tuple[bytes, dict[str, int]]:
+        viewing = Viewing(watched(["blue/b1"], 0))
+        viewing.open()
+        reader, writer = await asyncio.open_connection(*viewing.addresses[0][1:])
+        writer.write(b"land!")
+        async with asyncio.timeout(2.0):
+            while viewing.counts.bytes_ignored < 5:
+                await asyncio.sleep(0.005)
+        viewing.leaves(said("rev", b"leaves "))
+        viewing.leaves(said("fwd", b"is for the autopilot "))
+        viewing.leaves(said("rev", b"was shown by the kernel ", Fate.DELIVERED))
+        viewing.on_frame(said("rev", b"stays", Fate.DELIVERED))
+        viewing.on_frame(said("rev", b"a tap took it", Fate.DROPPED))
+        seen = await reader.readexactly(12)
+        viewing.close()
+        assert await reader.read() == b""
+        writer.close()
+        return seen, dict(viewing.status)
+
+    seen, status = asyncio.run(watch())
+    assert seen == b"leaves stays"
+    assert (status["viewing_viewers"], status["viewing_bytes_ignored"]) == (1, 5)
+
+
+def test_a_taken_viewers_port_ends_it_before_anything_is_written(tmp_path: Path) -> None:
+    with socket.socket() as holding:
+        holding.bind(("127.0.0.1", 0))
+        holding.listen()
+        port = int(holding.getsockname()[1])
+        with pytest.raises(InputError, match=f"{port} is taken"):
+            prepare(load("squares"), tmp_path / "run", port_offset=30_000, viewer_port=port)
+    assert not (tmp_path / "run").exists()
