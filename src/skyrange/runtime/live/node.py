@@ -124,7 +124,7 @@ class Node:
 
     async def admit(self, folder: Path) -> None:
         """Let tap processes in, by a door in `folder`."""
-        await self._taps.open(folder, lambda: None if self._clock is None else self._clock.now(), self._awake.set)
+        await self._taps.open(folder, lambda: None if self._clock is None else self._clock.now(), self._wake)
 
     async def connect(self) -> None:
         """Call the others."""
