@@ -24,6 +24,8 @@ from skyrange.study.series import vehicles
 Key = tuple[str, str, str, str, str]
 """Table, kind, about, source, and the details that are text, truth values or whole numbers, as JSON."""
 
+_RUNNING = "count"
+"""A detail that numbers what came so far: one more at the start would be another number in all that follow."""
 _SHOWN = 20
 
 
@@ -115,9 +117,9 @@ def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s:
     """Compare two runs; `InputError` for a folder that holds none, or a tolerance that is no time.
 
     Notes are counterparts if they are of one kind, about the same, by the same source, with the same text, truth values
-    and whole numbers among their details (measures differ), and were noted within `tolerance_s`. What has none is
-    paired in order with the next of its like, and is odd. The last `tolerance_s` of the shorter run may lack what comes
-    a little later.
+    and whole numbers among their details (measures and running counts differ), and were noted within `tolerance_s`.
+    What has none is paired in order with the next of its like, and is odd. The last `tolerance_s` of the shorter run may
+    lack what comes a little later.
     """
     if not 0.0 < tolerance_s < 3600.0:
         raise InputError.one("diff", "tolerance", f"{tolerance_s:g}", "seconds, more than 0 and less than 3600")
@@ -153,7 +155,8 @@ def _noted(run: RunRecord, until_ns: int) -> dict[Key, list[int]]:
     for table in ("events", "decisions"):
         for row in run.table(table, ["time_ns", "kind", "about", "source", "data"]).to_pylist():
             if row["time_ns"] <= until_ns:
-                whole = {name: value for name, value in json.loads(row["data"]).items() if not isinstance(value, float)}
+                data = json.loads(row["data"]).items()
+                whole = {name: value for name, value in data if not isinstance(value, float) and name != _RUNNING}
                 details = json.dumps(whole, sort_keys=True, ensure_ascii=False)
                 found.setdefault((table, row["kind"], row["about"], row["source"], details), []).append(row["time_ns"])
     for times in found.values():
