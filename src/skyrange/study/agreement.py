@@ -118,8 +118,8 @@ def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s:
 
     Notes are counterparts if they are of one kind, about the same, by the same source, with the same text, truth values
     and whole numbers among their details (measures and running counts differ), and were noted within `tolerance_s`.
-    What has none is paired in order with the next of its like, and is odd. The last `tolerance_s` of the shorter run may
-    lack what comes a little later.
+    What has none is paired in order with the next of its like, and is odd. The last `tolerance_s` of the shorter run
+    may lack what comes a little later.
     """
     if not 0.0 < tolerance_s < 3600.0:
         raise InputError.one("diff", "tolerance", f"{tolerance_s:g}", "seconds, more than 0 and less than 3600")
