@@ -23,8 +23,8 @@ def test_all_that_is_shipped_is_flown_by_the_table() -> None:
 @pytest.mark.parametrize(
     ("name", "seconds", "happened"),
     [
-        ("squares", 28.0, {"event.takeoff": 5, "event.item_reached": 10}),
-        ("head-on", 46.0, {"event.takeoff": 2, "event.collision": 2}),
+        ("squares", 24.0, {"event.takeoff": 5, "event.item_reached": 10}),
+        ("head-on", 44.0, {"event.takeoff": 2, "event.collision": 2}),
     ],
 )
 def test_the_same_happens_within_the_tolerance(
