@@ -166,7 +166,7 @@ def fly(
         flying["air"] += sent["ground"]
     for node in (ground, air):
         node.kernel.finish()
-        node.recorder.close()
+        node.recorder.close(in_spool=node is air)  # parts are merged from either home
     return Flown([ground.folder, air.folder], header_of(one.links), folder / "whole")
 
 

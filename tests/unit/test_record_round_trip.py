@@ -25,18 +25,28 @@ from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, m
 ROUNDS = 20
 
 
-@pytest.fixture(params=["complete", "spooled"])
+@pytest.fixture(params=["complete", "in spool", "spooled"])
 def run(request: pytest.FixtureRequest, tmp_path: Path) -> RunRecord:
-    """The sample run, closed, and as a killed process would leave it."""
+    """The sample run, closed, closed with its rows in the spool, and as a killed process would leave it."""
     recorder = Recorder.open(tmp_path / "run", HEADER)
     recorder.attach("city.json", b'[{"height_m": 5, "rings": [[[0, 0], [1, 0], [1, 1]]]}]')
     recorder.attach("missions/a.plan", b"{}")
     tell(recorder, ROUNDS)
-    if request.param == "complete":
-        recorder.close()
+    if request.param != "spooled":
+        recorder.close(in_spool=request.param == "in spool")
     else:
         recorder.flush()
     return load(tmp_path / "run")
+
+
+def test_one_that_ends_in_its_spool_says_how_it_ended(tmp_path: Path) -> None:
+    recorder = Recorder.open(tmp_path / "run", HEADER)
+    tell(recorder, ROUNDS)
+    recorder.close("interrupted", {"timings": {"wall_s": 1.0}}, in_spool=True)
+    found = load(tmp_path / "run")
+    assert (found.status, found.ended, found.manifest["spooled"]) == ("interrupted", True, True)
+    assert found.manifest["counts"]["frames"] == found.rows("frames") > 0
+    assert not list(found.path.glob("*.parquet"))
 
 
 def test_frames_and_payloads(run: RunRecord) -> None:

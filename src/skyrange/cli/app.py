@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import commands, live, live_viewing, parity
+from skyrange.cli import bench_live, commands, live, live_viewing, parity
 from skyrange.cli import tap as tapping
 
 app = typer.Typer(
@@ -402,10 +402,18 @@ def export(
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A", help="A run's folder.", show_default=False)],
     b: Annotated[Path, typer.Argument(metavar="B", help="Another run's folder.", show_default=False)],
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Compare what was decided, what happened and how it ended, and let times differ by so much: for live "
+            "runs, which do not repeat to the byte. Default: every row has to be the same.",
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare two runs: first differing frame, first differing truth, then the summary. Exits 0 either way."""
-    commands.diff(a, b, as_json)
+    commands.diff(a, b, tolerance, as_json)
 
 
 @app.command(epilog="Example: skyrange scenarios --json")
@@ -491,6 +499,25 @@ def ardupilots(
 ) -> None:
     """Fly N ArduPilots on missions with everything recorded: real-time factor, processor time, theirs and ours."""
     commands.bench_ardupilot(vehicles or [1, 5, 20], seconds, load.value, rates.value, physics.value, speedup, as_json)
+
+
+@bench_app.command("live", epilog="Example: skyrange bench live --vehicles 40 --group operator --json")
+def live_bench(
+    vehicles: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 5 and 20."),
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=1.0, help="Seconds to fly, after 30 in which all take off.")
+    ] = 30.0,
+    group: Annotated[
+        Grouping | None, typer.Option(metavar="HOW", help="As of skyrange live: component, operator, host or one.")
+    ] = None,
+    port_offset: Annotated[int, typer.Option(metavar="N", min=-5000, max=35_000, help="Added to every port.")] = 0,
+    as_json: AsJson = False,
+) -> None:
+    """What a live range carries: each transport's frames per second and added latency; do N aircraft hold real time."""
+    bench_live.live(vehicles or [5, 20], seconds, group.value if group is not None else None, port_offset, as_json)
 
 
 @bench_app.command(epilog="Example: skyrange bench radio --nodes 1000 --json")

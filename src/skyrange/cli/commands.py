@@ -301,12 +301,15 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
         print("no Remote ID: the run has no radio medium", file=sys.stderr)
 
 
-def diff(a: Path, b: Path, as_json: bool) -> None:
+def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
     """`skyrange diff`."""
     from skyrange.record import load
+    from skyrange.study.agreement import Agreement, agreement
+    from skyrange.study.diff import Difference
     from skyrange.study.diff import diff as compare
 
-    difference = compare(load(a), load(b))
+    runs = load(a), load(b)
+    difference: Agreement | Difference = compare(*runs) if tolerance_s is None else agreement(*runs, tolerance_s)
     if as_json:
         print_json(difference.to_dict())
     else:

@@ -345,13 +345,15 @@ class Recorder:
 
     # ---------------------------------------------------------------- the end
 
-    def close(self, status: str = "complete", extra: Mapping[str, Any] | None = None) -> None:
+    def close(
+        self, status: str = "complete", extra: Mapping[str, Any] | None = None, *, in_spool: bool = False
+    ) -> None:
         """End the record: tables, CSVs and tlogs from the spool, then the manifest, then no spool any more.
 
-        `status` is complete, interrupted or failed; `extra` goes into the manifest (simulated_s, timings,
-        …) over what the recorder knows itself. Memory stays bounded. `ComponentError` where the disk refuses:
-        everything recorded is then still in the spool. A record that was refused before only has its manifest's
-        status set, if that can be written. Closing again does nothing.
+        With `in_spool` its rows stay there, as a part's do that is soon merged. `status` is complete, interrupted or
+        failed; `extra` goes into the manifest (simulated_s, timings, …) over what the recorder knows itself. Memory
+        stays bounded. `ComponentError` where the disk refuses: everything recorded is then still in the spool. A record
+        that was refused before only has its manifest's status set, if that can be written. Closing again does nothing.
         """
         if status not in ENDINGS:
             raise ValueError(f"status {status!r}, expected one of {', '.join(ENDINGS)}")
@@ -364,7 +366,8 @@ class Recorder:
         try:
             self.flush()
             self._spool.end_segment()
-            self._manifest["counts"] = finalise(self.path, self._manifest)
+            counts = dict(self._state.counts) if in_spool else finalise(self.path, self._manifest)
+            self._manifest |= {"counts": counts, **({"spooled": True} if in_spool else {})}
             self._manifest |= self._ending(status, extra or {})
             write_manifest(self.path, self._manifest)
         except OSError as error:
@@ -372,7 +375,8 @@ class Recorder:
         except ComponentError:
             self._leave_spooled(extra or {})
             raise
-        shutil.rmtree(self.path / SPOOL, ignore_errors=True)
+        if not in_spool:
+            shutil.rmtree(self.path / SPOOL, ignore_errors=True)
 
     def _leave_spooled(self, extra: Mapping[str, Any]) -> None:
         """Say in the manifest, if the disk lets it, that the run failed and its rows are in the spool."""

@@ -122,7 +122,7 @@ class Node:
         self._ends: dict[str, End] = {}
         self._taps = Taps(orders.crossings, frozenset(orders.endpoints), recorder)
         self._intake = Intake()
-        self._awake = asyncio.Event()
+        self._resting: asyncio.Future[None] | None = None
         self._pending: list[tuple[Time, int, Transit]] = []
         self._pushed = 0
         self._arrived: dict[str, int] = {}
@@ -136,7 +136,7 @@ class Node:
 
     async def admit(self, folder: Path) -> None:
         """Let tap processes in, by a door in `folder`."""
-        await self._taps.open(folder, lambda: None if self._clock is None else self._clock.now(), self._awake.set)
+        await self._taps.open(folder, lambda: None if self._clock is None else self._clock.now(), self._wake)
 
     async def connect(self) -> None:
         """Call the others."""
@@ -166,7 +166,7 @@ class Node:
             return
         self.counts.garbage += piece.garbage
         self._intake.take(self._clock.now(), lane, piece.data)
-        self._awake.set()
+        self._wake()
 
     def boot(self) -> None:
         """Everything before time 0."""
@@ -176,7 +176,7 @@ class Node:
     def stop(self, why: str) -> None:
         """End before the scenario does."""
         self._stopped = self._stopped or why
-        self._awake.set()
+        self._wake()
 
     def set_clock(self, zero_ns: int) -> None:
         """The range's time 0 on this machine's clock, known better than before. Time that was reached stays reached."""
@@ -204,15 +204,21 @@ class Node:
 
     async def _rest(self, seconds: float) -> None:
         """So long, or until something is heard; sockets are served at least once."""
-        self._awake.clear()
         if self._intake.waiting or seconds <= 0.0:
             await asyncio.sleep(0)
             return
+        # a future and a timer: an Event within asyncio.timeout does the same for half as much again
+        loop = asyncio.get_running_loop()
+        resting = self._resting = loop.create_future()
+        timer = loop.call_later(seconds, self._wake)
         try:
-            async with asyncio.timeout(seconds):
-                await self._awake.wait()
-        except TimeoutError:
-            return
+            await resting
+        finally:
+            timer.cancel()
+
+    def _wake(self) -> None:
+        if self._resting is not None and not self._resting.done():
+            self._resting.set_result(None)
 
     def _turn(self, now: Time) -> None:
         """Take in what was heard, go on to `now`, and say what is due."""
@@ -352,9 +358,8 @@ async def _serve(orders: Orders, phone: Phone, rig: Rig, part: Path) -> int:
         for task in tasks:
             task.cancel()
         node.close()
-        recorder.close(
-            status, {"node": {**told, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
-        )
+        facts = {"node": {**told, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
+        recorder.close(status, facts, in_spool=True)  # its rows are soon those of the whole
     await phone.tell("done", status=status, **node.status)
     return 0
 

@@ -1,0 +1,210 @@
+"""What does each transport of a live range carry, and how late? Two processes on loopback, with a node's own ends.
+
+First frames one by one, each with the time at which it was sent, on the clock that both share; then as many as go, back
+to back. What stands between a socket and a node's kernel is in it, the kernel is not.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import multiprocessing
+import socket
+import statistics
+import struct
+import time
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+import zmq
+
+from skyrange.agent.links import LinkSpec
+from skyrange.bench.apart import apart
+from skyrange.codec.deframe import Piece
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.errors import ComponentError
+from skyrange.io import http_frames
+from skyrange.runtime.live.addresses import KINDS, Crossing, Transport
+from skyrange.runtime.live.ends import End, calling, listening
+from skyrange.runtime.live.passes import Passes, issue
+from skyrange.runtime.live.plan import LOOPBACK
+
+TRANSPORTS: Final[tuple[Transport, ...]] = ("udp", "tcp", "zmq", "http")
+ONE_BY_ONE: Final = 500
+"""Frames that are timed, `APART_S` after each other: about as fast as an aircraft's telemetry comes."""
+APART_S: Final = 0.005
+WINDOW: Final = 128
+"""Frames that are under way at most when they go back to back, fewer than a UDP socket's buffer holds."""
+CREDIT: Final = 32
+"""The listener answers each so many-th frame with one, which opens the window again; over HTTP each, as it must."""
+PATIENCE_S: Final = 60.0
+_PATH: Final = "/bench/frame"
+_TIMESYNC: Final = mav.MAVLink(None, srcSystem=1, srcComponent=1)
+_HEADER: Final = 10
+
+
+def frame(transport: Transport, at_ns: int, number: int) -> bytes:
+    """What a link over that transport carries: a MAVLink TIMESYNC, or a request, with a time and a number in it."""
+    if transport == "http":
+        return http_frames.request_frame("PUT", _PATH, json.dumps({"at_ns": at_ns, "number": number}).encode())
+    return bytes(mav.MAVLink_timesync_message(at_ns, number).pack(_TIMESYNC))
+
+
+def sent_at(transport: Transport, data: bytes) -> int:
+    """The time in a `frame`."""
+    if transport == "http":
+        return int(json.loads(data)["body"]["at_ns"])
+    (at_ns,) = struct.unpack_from("<q", data, _HEADER)  # the first field: MAVLink sorts by size, both are of 8 bytes
+    return int(at_ns)
+
+
+def measure(transport: Transport, frames: int = 50_000) -> dict[str, Any]:
+    """One row: `ONE_BY_ONE` frames, then `frames` back to back, from one new process to another.
+
+    `added_ms` and `added_p99_ms`: from the call of an end's `send` to when the other end hands the payload in.
+    `frames_per_s`: that came, by the wall clock; `frames_per_core_s` by the processor time of both ends together, all
+    their threads: what one core does of sending and receiving. Of HTTP, a request and its answer are two frames. Raises
+    `ComponentError` where frames do not come.
+    """
+    return apart(f"bench of {transport}", _measured, transport, frames)
+
+
+def _measured(transport: Transport, frames: int) -> dict[str, Any]:
+    kind = socket.SOCK_DGRAM if transport == "udp" else socket.SOCK_STREAM
+    with socket.socket(socket.AF_INET, kind) as tried:
+        tried.bind((LOOPBACK, 0))
+        crossing = _crossing(transport, int(tried.getsockname()[1]))
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    listener = context.Process(target=_listen, args=(theirs, crossing, frames))
+    listener.start()
+    theirs.close()
+    try:
+        ours.recv()  # it listens
+        cpu_s = asyncio.run(_call(crossing, frames))
+        if not ours.poll(PATIENCE_S):
+            raise ComponentError(f"bench of {transport}", f"not all frames came within {PATIENCE_S:g} s")
+        said = ours.recv()
+    except EOFError:
+        raise ComponentError(f"bench of {transport}", "its listener ended") from None
+    finally:
+        listener.terminate()
+        listener.join()
+    crossed = 2 * frames if transport == "http" else frames
+    cpu_s += said["cpu_s"]
+    return {
+        "transport": transport,
+        "links": [name for name, kind in KINDS.items() if kind.transport == transport],
+        "frames": crossed,
+        "frame_bytes": len(frame(transport, time.monotonic_ns(), 1)),
+        "frames_per_s": round(crossed / said["took_s"]),
+        "frames_per_core_s": round(crossed / cpu_s),
+        "added_ms": said["added_ms"],
+        "added_p99_ms": said["added_p99_ms"],
+    }
+
+
+def _crossing(transport: Transport, port: int) -> Crossing:
+    return Crossing(LinkSpec("bench", "caller", "listener"), transport, "listener", (LOOPBACK, port))
+
+
+def _passes() -> Passes:
+    return issue(zmq.curve_keypair()[0])  # on loopback nobody asks for them
+
+
+# --- the listener's process ------------------------------------------------------------------------
+
+
+def _listen(answer: Connection, crossing: Crossing, frames: int) -> None:
+    answer.send(asyncio.run(_Listener(answer, crossing, frames).run()))
+
+
+class _Listener:
+    """Takes the times of the first frames and counts the others."""
+
+    def __init__(self, answer: Connection, crossing: Crossing, frames: int) -> None:
+        self._answer = answer
+        self._crossing = crossing
+        self._last = ONE_BY_ONE + frames
+        self._count = 0
+        self._added_ns: list[int] = []
+        self._began = (0.0, 0.0)
+        self._end: End | None = None
+        self._done = asyncio.Event()
+
+    async def run(self) -> dict[str, Any]:
+        self._end = await listening(self._crossing, self._heard, LOOPBACK, _passes())
+        self._answer.send("listening")
+        await self._done.wait()
+        took_s, cpu_s = time.monotonic() - self._began[0], time.process_time() - self._began[1]
+        await asyncio.sleep(APART_S)  # the last answer has to go out
+        self._end.close()
+        added_ms = sorted(ns / 1e6 for ns in self._added_ns)
+        return {
+            "took_s": took_s,
+            "cpu_s": cpu_s,
+            "added_ms": round(statistics.median(added_ms), 3),
+            "added_p99_ms": round(added_ms[int(0.99 * len(added_ms))], 3),
+        }
+
+    def _heard(self, piece: Piece) -> None:
+        self._count += 1
+        transport = self._crossing.transport
+        if self._count <= ONE_BY_ONE:
+            self._added_ns.append(time.monotonic_ns() - sent_at(transport, piece.data))
+        elif self._count == ONE_BY_ONE + 1:
+            self._began = time.monotonic(), time.process_time()
+        assert self._end is not None
+        if transport == "http":
+            self._end.send(http_frames.response_frame(200, _PATH, b"{}"))
+        elif self._count % CREDIT == 0:
+            self._end.send(frame(transport, 1, self._count))
+        if self._count == self._last:
+            self._done.set()
+
+
+# --- the caller's process --------------------------------------------------------------------------
+
+
+async def _call(crossing: Crossing, frames: int) -> float:
+    """Send everything; the processor seconds that the frames back to back took."""
+    transport = crossing.transport
+    opened = asyncio.Event()
+    credits = 0
+
+    def heard(_: Piece) -> None:
+        nonlocal credits
+        credits += 1
+        opened.set()
+
+    end = await calling(crossing, heard, LOOPBACK, _passes())
+    per_credit = 1 if transport == "http" else CREDIT
+    try:
+        async with asyncio.timeout(PATIENCE_S):
+            for number in range(1, ONE_BY_ONE + 1):
+                while not end.send(frame(transport, time.monotonic_ns(), number)):  # the first, until they are joined
+                    await asyncio.sleep(APART_S)
+                await asyncio.sleep(APART_S)
+            whole: Sequence[bytes] = [frame(transport, 1, number) for number in range(1, WINDOW + 1)]
+            before, said = time.process_time(), 0
+            while said < frames:
+                room = WINDOW - (ONE_BY_ONE + said - credits * per_credit)
+                if room <= 0:
+                    opened.clear()
+                    await opened.wait()
+                    continue
+                for _ in range(min(room, frames - said)):
+                    if not end.send(whole[said % WINDOW]):
+                        break
+                    said += 1
+                await asyncio.sleep(0)
+            while (ONE_BY_ONE + frames) // per_credit > credits:
+                opened.clear()
+                await opened.wait()
+            return time.process_time() - before
+    except TimeoutError:
+        raise ComponentError(f"bench of {transport}", f"no answer within {PATIENCE_S:g} s") from None
+    finally:
+        end.close()
+        await asyncio.sleep(APART_S)
