@@ -24,7 +24,8 @@ from typing import Any, NamedTuple
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
-from tests.integration.test_live_range import MAIN, nodes, until
+from tests.integration.live_programs import until
+from tests.integration.test_live_range import MAIN, nodes
 
 OFFSET = 7005 + os.getpid() % 2400 * 10
 SCENARIO = """

@@ -21,7 +21,7 @@ from typing import Any
 import pytest
 
 from skyrange.record import load
-from tests.integration.test_live_range import until
+from tests.integration.live_programs import until
 
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 SKYRANGE = [sys.executable, "-c", MAIN]

@@ -20,6 +20,7 @@ from pymavlink import mavutil
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.study.session import run
+from tests.integration.live_programs import until
 
 pytestmark = pytest.mark.integration
 
@@ -78,16 +79,6 @@ def nodes(folder: Path) -> dict[str, int]:
             if "skyrange.runtime.live.node" in command and str(folder) in command[-2]:
                 found[Path(command[-2]).parent.stem] = int(entry.name)
     return found
-
-
-def until(holds: Callable[[], Any], seconds: float, what: str) -> Any:
-    deadline = time.monotonic() + seconds
-    while time.monotonic() < deadline:
-        found = holds()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"not within {seconds:g} s: {what}")
 
 
 def fly_by_hand(port: int) -> dict[str, float]:

@@ -24,6 +24,7 @@ from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.live import launch
 from skyrange.runtime.live.control import Desk, Message
 from skyrange.runtime.live.ending import merge
+from skyrange.runtime.live.host import HOST_MARK
 from skyrange.runtime.live.joining import Machine, Machines
 from skyrange.runtime.live.node import Orders
 from skyrange.runtime.live.passes import Passes, issue
@@ -168,7 +169,9 @@ class _Supervisor:
         flown = self._range
         names = list(flown.members)
         # what the first one of a machine compiles the others there only load
-        first = list({flown.members[name].host: name for name in reversed(names)}.values())
+        joined = self._machines.members
+        machines = {name: flown.members[name].host if flown.members[name].host in joined else "" for name in names}
+        first = list({machines[name]: name for name in reversed(names)}.values())
         steps: tuple[tuple[Sequence[str], State, float, str], ...] = (
             (first, "here", START_S, "warm_up"),
             (first, "bound", WARM_S, ""),
@@ -282,7 +285,7 @@ class _Supervisor:
     async def _tell_time(self, who: str) -> None:
         """To the nodes of a machine whose clock was measured again."""
         for member in self._range.members.values():
-            if who.endswith(member.host) and member.state == "flying":
+            if who == HOST_MARK + member.host and member.state == "flying":
                 await self._desk.tell(member.name, "clock", zero_ns=self._machines.zero_at(member.host))
 
     # --- the end -----------------------------------------------------------------------------------
