@@ -96,6 +96,7 @@ _SECTIONS = (
     ("Sensors", "`[sensors]`"),
     ("Record", "`[record]`"),
     ("Autopilots", "`[autopilots]`"),
+    ("Live", "`[live]`"),
     ("Radio", "`[radio]`"),
     ("Receiver", "`[[radio.receivers]]`"),
     ("Link", "`[[links]]`"),

@@ -216,6 +216,29 @@ def test_a_peer_that_comes_while_the_old_one_hangs_is_the_peer() -> None:
     run(body)
 
 
+def test_when_a_later_peer_leaves_the_one_before_is_the_peer_again() -> None:
+    async def body() -> None:
+        one, two, three = Heard(), Heard(), Heard()
+        a = await bind(one)
+        b = await connect(two, a.address)
+        await until(lambda: a.connected and b.connected)
+        stranger = await connect(three, a.address)
+        await until(lambda: a.counts.connections == 2 and stranger.connected)
+        assert stranger.send(b"mine")
+        await until(lambda: one.frames)
+        assert a.send(b"to the stranger")
+        await until(lambda: three.frames)
+        stranger.close()
+        await until(lambda: a._lines == 1)
+        assert a.send(b"to the peer")
+        await until(lambda: two.frames)
+        assert two.frames == [b"to the peer"]
+        for end in (a, b):
+            end.close()
+
+    run(body)
+
+
 # --- bounds and hostile bytes ---------------------------------------------------------------------
 
 

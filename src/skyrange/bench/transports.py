@@ -21,6 +21,7 @@ import zmq
 
 from skyrange.agent.links import LinkSpec
 from skyrange.bench.apart import apart
+from skyrange.codec.deframe import Piece
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.errors import ComponentError
 from skyrange.io import http_frames
@@ -94,7 +95,7 @@ def _measured(transport: Transport, frames: int) -> dict[str, Any]:
     cpu_s += said["cpu_s"]
     return {
         "transport": transport,
-        "links": [name for name, kind in KINDS.items() if kind.transport == transport],
+        "links": _carried(transport),
         "frames": crossed,
         "frame_bytes": len(frame(transport, time.monotonic_ns(), 1)),
         "frames_per_s": round(crossed / said["took_s"]),
@@ -104,8 +105,15 @@ def _measured(transport: Transport, frames: int) -> dict[str, Any]:
     }
 
 
+def _carried(transport: Transport) -> list[str]:
+    """The kinds of links that go over it."""
+    return [name for name, kind in KINDS.items() if kind.transport == transport]
+
+
 def _crossing(transport: Transport, port: int) -> Crossing:
-    return Crossing(LinkSpec("bench", "caller", "listener"), transport, "listener", (LOOPBACK, port))
+    return Crossing(
+        LinkSpec(f"{_carried(transport)[0]}:bench", "caller", "listener"), transport, "listener", (LOOPBACK, port)
+    )
 
 
 def _passes() -> Passes:
@@ -147,11 +155,11 @@ class _Listener:
             "added_p99_ms": round(added_ms[int(0.99 * len(added_ms))], 3),
         }
 
-    def _heard(self, data: bytes) -> None:
+    def _heard(self, piece: Piece) -> None:
         self._count += 1
         transport = self._crossing.transport
         if self._count <= ONE_BY_ONE:
-            self._added_ns.append(time.monotonic_ns() - sent_at(transport, data))
+            self._added_ns.append(time.monotonic_ns() - sent_at(transport, piece.data))
         elif self._count == ONE_BY_ONE + 1:
             self._began = time.monotonic(), time.process_time()
         assert self._end is not None
@@ -172,7 +180,7 @@ async def _call(crossing: Crossing, frames: int) -> float:
     opened = asyncio.Event()
     credits = 0
 
-    def heard(_: bytes) -> None:
+    def heard(_: Piece) -> None:
         nonlocal credits
         credits += 1
         opened.set()

@@ -167,6 +167,7 @@ class Death(StrEnum):
 
     STOP = "stop"
     CONTINUE = "continue"
+    RESTART = "restart"
 
 
 @app.command("live", epilog="Example: skyrange live squares --external blue.gcs")
@@ -194,8 +195,13 @@ def live_(
     ] = None,
     port_offset: Annotated[int, typer.Option(metavar="N", min=-5000, max=35_000, help="Added to every port.")] = 0,
     on_death: Annotated[
-        Death, typer.Option(metavar="HOW", help="When a process dies: stop the range, or continue without it.")
-    ] = Death.STOP,
+        Death | None,
+        typer.Option(
+            metavar="HOW",
+            help="When a process dies: stop the range, continue without it, or restart it, at most three times. "
+            "Default: what the scenario says, else stop.",
+        ),
+    ] = None,
     qgc: Annotated[
         bool,
         typer.Option(
@@ -232,7 +238,7 @@ def live_(
     """Fly a scenario in real time, every component a process of its own on real sockets."""
     options = {
         "group": group.value if group is not None else None,
-        "on_death": on_death.value,
+        "on_death": on_death and on_death.value,
         "netns": netns,
         "motion": allow_motion,
         "viewer_port": live_viewing.first_port(qgc, viewer_port, port_offset),

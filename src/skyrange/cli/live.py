@@ -37,7 +37,7 @@ def live(
     as_json: bool,
 ) -> None:
     """`skyrange live`; `options` go to `prepare` as they are."""
-    from skyrange.core.errors import ComponentError, ShortfallError
+    from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
     from skyrange.io.curve_keys import load_range
     from skyrange.record import load as load_run
     from skyrange.runtime.live.range import prepare
@@ -58,8 +58,13 @@ def live(
         except (ShortfallError, ComponentError) as error:
             failure = error
     see_off(flown)
-    record = load_run(flown.folder)
-    write_report(record, flown.folder / "report.html")
+    try:
+        record = load_run(flown.folder)
+        write_report(record, flown.folder / "report.html")
+    except (SkyrangeError, OSError):
+        if failure is not None:  # which is why
+            raise failure from None
+        raise
     facts = {**summary(record), "live": record.manifest["live"]}
     if as_json:
         print_json(facts)

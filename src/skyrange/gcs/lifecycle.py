@@ -8,7 +8,7 @@ can be read and tested whole. Three rules keep it honest. First, only the pilot 
 what its state listens to; a frame that means nothing now is data (a belief) or is counted, never an
 event. So an event outside the table is a defect of ours, and `after` raises instead of ignoring it.
 Second, waiting is a state and giving up is an event (`GAVE_UP`, with a reason): each state that
-waits has a deadline, so each flight ends in COMPLETE or FAILED. Third, once airborne, giving up
+waits has a deadline, so each flight ends in COMPLETE or FAILED (or LEFT). Third, once airborne, giving up
 does not fail at once: the aircraft is first brought home (ABORTING), as an operator would.
 """
 
@@ -23,6 +23,7 @@ class State(StrEnum):
     """Where a flight stands, as its ground station sees it."""
 
     PLANNED = "planned"  # nothing said yet
+    LISTENING = "listening"  # the station was started anew: is the aircraft flying already?
     REQUESTING = "requesting"  # the approval has been asked
     CONNECTING = "connecting"  # approved; no heartbeat of the aircraft heard so far
     UPLOADING = "uploading"  # the mission goes up
@@ -38,12 +39,18 @@ class State(StrEnum):
     ABORTING = "aborting"  # the plan is given up, the aircraft is told to come home
     COMPLETE = "complete"
     FAILED = "failed"
+    LEFT = "left"  # found on the ground after a flight that another station watched: what became of it, that one knew
 
 
 class Event(StrEnum):
     """What moves a flight on."""
 
     BEGUN = "begun"
+    BEGUN_ANEW = "begun_anew"  # after time 0: another of this name was there before, and what it did is not known
+    FOUND_FLYING = "found_flying"  # armed, by none of this station's doing
+    FOUND_GUIDED = "found_guided"  # armed, under a guided plan of which nobody knows how far it had come
+    FOUND_FLOWN = "found_flown"  # on the ground, in a mode that a flight leaves behind
+    FOUND_WAITING = "found_waiting"  # on the ground, not flown yet
     APPROVED = "approved"
     REJECTED = "rejected"
     HEARD = "heard"  # a heartbeat of the aircraft's autopilot
@@ -64,7 +71,14 @@ class Event(StrEnum):
 
 S, E = State, Event
 TABLE: dict[State, dict[Event, State]] = {
-    S.PLANNED: {E.BEGUN: S.REQUESTING},
+    S.PLANNED: {E.BEGUN: S.REQUESTING, E.BEGUN_ANEW: S.LISTENING},
+    S.LISTENING: {
+        E.FOUND_FLYING: S.FLYING,
+        E.FOUND_GUIDED: S.ABORTING,
+        E.FOUND_FLOWN: S.LEFT,
+        E.FOUND_WAITING: S.REQUESTING,
+        E.GAVE_UP: S.FAILED,
+    },
     S.REQUESTING: {E.APPROVED: S.CONNECTING, E.REJECTED: S.FAILED, E.GAVE_UP: S.FAILED},
     S.CONNECTING: {E.HEARD: S.UPLOADING, E.GAVE_UP: S.FAILED},
     S.UPLOADING: {E.UPLOADED: S.VERIFYING, E.NOTHING_TO_UPLOAD: S.STREAMING, E.GAVE_UP: S.FAILED},
@@ -80,10 +94,11 @@ TABLE: dict[State, dict[Event, State]] = {
     S.ABORTING: {E.DISARMED: S.FAILED, E.GAVE_UP: S.FAILED},
     S.COMPLETE: {},
     S.FAILED: {},
+    S.LEFT: {},
 }
 """State → event → next state. What is absent cannot happen."""
 
-OVER = frozenset({State.COMPLETE, State.FAILED})
+OVER = frozenset({State.COMPLETE, State.FAILED, State.LEFT})
 """States that end a flight."""
 ARMED = frozenset({State.HOLDING, State.STARTING, State.FLYING, State.RETURNING, State.ABORTING})
 """States in which the station believes the motors run."""

@@ -44,6 +44,8 @@ STALE_NS = 3 * NS_PER_S
 
 Acknowledgements of SET_MESSAGE_INTERVAL do not say which message they are about, so one that comes
 twice can be taken for the next one's; what counts is what comes in."""
+_FLOWN = frozenset({mav.COPTER_MODE_AUTO, mav.COPTER_MODE_LAND, mav.COPTER_MODE_RTL, mav.COPTER_MODE_SMART_RTL})
+"""Modes in which a disarmed aircraft has flown: none is prepared in them."""
 _WATCHED = frozenset({State.WAITING, State.HOLDING, State.FLYING})
 """States in which the streams are expected to flow, and no command that matters may be under way."""
 
@@ -121,7 +123,7 @@ class Pilot:
     def on_time(self, now: Time, out: Outbox) -> None:
         """Do what has fallen due."""
         if self.state is State.PLANNED:
-            self._raise(Event.BEGUN, now, out, ())
+            self._raise(Event.BEGUN if now <= 0 else Event.BEGUN_ANEW, now, out, ())
         if self.filing is not None and now >= self.filing.due:
             self._file(self.filing, now, out)
         if self.transfer is not None and now >= self.transfer.due:
@@ -144,7 +146,9 @@ class Pilot:
         if self.belief.on_heartbeat(now, message.base_mode, message.custom_mode, message.get_seq(), ref):
             name = result_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
             out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
-        if self.state is State.CONNECTING:
+        if self.state is State.LISTENING:
+            self._found(now, out, ref)
+        elif self.state is State.CONNECTING:
             self._raise(Event.HEARD, now, out, (ref,))
         elif self.state is State.ARMING and self.belief.armed:
             self._drop_commands()  # its acknowledgement may have been lost
@@ -266,6 +270,8 @@ class Pilot:
 
     def _over(self, now: Time, out: Outbox, causes: Refs) -> None:
         self._drop_commands()
+        if self.state is State.LEFT:
+            return
         self.outcome = Outcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
         reason = self.outcome.reason
         if reason:
@@ -288,6 +294,19 @@ class Pilot:
         plan = self.flight.plan
         if self.state is State.FLYING and plan.kind == "auto" and not scripts.lands_itself(plan):
             self._raise(Event.PLAN_DONE, now, out, (ref,))
+
+    # --- started anew ------------------------------------------------------------------------------
+
+    def _found(self, now: Time, out: Outbox, ref: FrameId) -> None:
+        """A heartbeat of an aircraft that this station knows nothing of: one that flies is left to fly."""
+        if not self.belief.armed:
+            flown = self.belief.mode in _FLOWN
+            self._raise(Event.FOUND_FLOWN if flown else Event.FOUND_WAITING, now, out, (ref,))
+        elif self.flight.plan.kind == "guided":
+            self.reason = "the station was started anew, and how far the plan had come is not known"
+            self._raise(Event.FOUND_GUIDED, now, out, (ref,), {"reason": self.reason})
+        else:
+            self._raise(Event.FOUND_FLYING, now, out, (ref,))
 
     # --- requests, transfers, commands ----------------------------------------------------------------------
 
@@ -377,6 +396,8 @@ class Pilot:
         return self._depart_ns() - from_seconds(lead_s)
 
     def _reschedule(self) -> None:
+        if self.state is State.PLANNED:
+            return  # due at once, whatever it has heard before
         due = self.deadline
         if self.filing is not None:
             due = min(due, self.filing.due)
@@ -388,7 +409,7 @@ class Pilot:
             due = min(due, self._clock_ns())
         self.due = due
         watch = Watch.NONE
-        if self.link_lost or self.state in (State.CONNECTING, State.ARMING):
+        if self.link_lost or self.state in (State.LISTENING, State.CONNECTING, State.ARMING):
             watch |= Watch.HEARTBEAT
         if self.state in ARMED and not self.belief.armed:
             watch |= Watch.HEARTBEAT

@@ -27,6 +27,11 @@ FLIGHT_EXTRA_S = 120.0
 NOTES: Mapping[Event, str] = MappingProxyType(
     {
         Event.BEGUN: "",
+        Event.BEGUN_ANEW: "",
+        Event.FOUND_FLYING: "decision.resumed",
+        Event.FOUND_GUIDED: "decision.gave_up",
+        Event.FOUND_FLOWN: "decision.left",
+        Event.FOUND_WAITING: "",
         Event.APPROVED: "decision.approved",
         Event.REJECTED: "decision.rejected",
         Event.HEARD: "decision.connected",
@@ -99,7 +104,7 @@ def stream_commands(streams: tuple[tuple[int, float], ...]) -> tuple[Command, ..
 
 def limit_s(state: State, duration_s: float) -> float | None:
     """How long `state` may last, for a flight estimated at `duration_s`; `None` where retries bound it."""
-    if state is State.CONNECTING:
+    if state in (State.CONNECTING, State.LISTENING):
         return 60.0
     if state is State.ARMING:
         return PREPARE_S + 10.0

@@ -135,10 +135,7 @@ class GroundStation:
             self._queued[place] = NEVER
             pilot = self._pilots[place]
             if pilot.due <= now:
-                began = pilot.state is State.PLANNED
                 pilot.on_time(now, out)
-                if began:
-                    self._by_intent[pilot.intent] = place
             self._queue(place)
         if beats:
             self._beat(out)
@@ -179,7 +176,10 @@ class GroundStation:
 
     def _queue(self, place: int) -> None:
         """Have a pilot in the heap by the time it is due; earlier entries find nothing to do and are dropped."""
-        due = self._pilots[place].due
+        pilot = self._pilots[place]
+        due = pilot.due
+        if pilot.state is State.REQUESTING:
+            self._by_intent[pilot.intent] = place
         if due < self._queued[place]:
             self._queued[place] = due
             heappush(self._heap, (due, place))

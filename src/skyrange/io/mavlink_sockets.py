@@ -7,12 +7,18 @@ Each end is one peer of one link and binds to loopback unless told otherwise.
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import Callable
 from typing import cast
 
 from skyrange.codec.deframe import Counts, Deframer, Piece
 
 LOOPBACK = "127.0.0.1"
+MOST_UNSENT = 1 << 18
+"""Bytes that wait for a TCP peer that does not read; what comes on top of them is lost, as in a full serial buffer."""
+_SILENT_S = 10
+"""A TCP peer whose machine does not answer for so long is gone."""
+_PROBES = (("TCP_KEEPIDLE", 4), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3), ("TCP_USER_TIMEOUT", _SILENT_S * 1000))
 Address = tuple[str, int]
 OnPiece = Callable[[Piece], None]
 
@@ -20,9 +26,9 @@ OnPiece = Callable[[Piece], None]
 class UdpEnd(asyncio.DatagramProtocol):
     """One end of a link over UDP.
 
-    Without a `remote` it answers whoever spoke last, as a ground station's listening port does. With one it goes on
-    calling that, and takes what any port of the same host says, as MAVProxy's `udpout` does. A datagram is a whole:
-    what it leaves unfinished is garbage, never the beginning of the next one.
+    Without a `remote` it answers whoever spoke MAVLink last, as a ground station's listening port does. With one it
+    goes on calling that, and takes what any port of the same host says, as MAVProxy's `udpout` does. A datagram is a
+    whole: what it leaves unfinished is garbage, never the beginning of the next one.
     """
 
     def __init__(self, on_piece: OnPiece, remote: Address | None = None) -> None:
@@ -56,11 +62,13 @@ class UdpEnd(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
         """Called by asyncio."""
-        if self._remote is None or self._remote[0] == addr[0]:
-            if not self._calls:
-                self._remote = addr
-            for piece in [*self._deframer.feed(data), *self._deframer.finish()]:
-                self._on_piece(piece)
+        if self._calls and self._remote is not None and self._remote[0] != addr[0]:
+            return
+        pieces = [*self._deframer.feed(data), *self._deframer.finish()]
+        if not self._calls and not all(piece.garbage for piece in pieces):
+            self._remote = addr
+        for piece in pieces:
+            self._on_piece(piece)
 
     def send(self, payload: bytes) -> bool:
         """Send one frame as one datagram; `False` while no peer is known."""
@@ -100,6 +108,11 @@ class TcpEnd(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Called by asyncio."""
         self._transport = cast("asyncio.Transport", transport)
+        own = transport.get_extra_info("socket")
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in _PROBES:
+            if hasattr(socket, name):
+                own.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
     def data_received(self, data: bytes) -> None:
         """Called by asyncio."""
@@ -114,8 +127,10 @@ class TcpEnd(asyncio.Protocol):
             self.lost.set_result(None)
 
     def send(self, payload: bytes) -> bool:
-        """Send one frame; `False` once the connection is closed."""
+        """Send one frame; `False` once the connection is closed, or while `MOST_UNSENT` waits already."""
         if self._transport is None or self._transport.is_closing():
+            return False
+        if self._transport.get_write_buffer_size() + len(payload) > MOST_UNSENT:
             return False
         self._transport.write(payload)
         return True
@@ -126,7 +141,9 @@ class TcpEnd(asyncio.Protocol):
             self._transport.close()
 
 
-async def serve_tcp(accept: Callable[[], TcpEnd], local: Address = (LOOPBACK, 0)) -> tuple[asyncio.Server, Address]:
+async def serve_tcp(
+    accept: Callable[[], asyncio.BaseProtocol], local: Address = (LOOPBACK, 0)
+) -> tuple[asyncio.Server, Address]:
     """Listen at `local`; `accept` makes an end for each connection. Returns the server and its address."""
     server = await asyncio.get_running_loop().create_server(accept, *local)
     return server, cast("Address", server.sockets[0].getsockname()[:2])

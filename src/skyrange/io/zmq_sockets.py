@@ -2,8 +2,9 @@
 
 The end that binds is a ROUTER, the end that connects a DEALER whose first message is empty: here I am. Two
 DEALERs would deal the messages out among all who connect; a ROUTER addresses one, here whoever connected or
-spoke last, so a peer that starts anew is the peer at once. Foreign programs connect with a DEALER. Without a
-peer nothing is kept for later: `send` says no. What a lost connection leaves in the queue goes out on the next.
+spoke last, so a peer that starts anew is the peer at once; when it leaves, who spoke before is again. Foreign
+programs connect with a DEALER. Without a peer nothing is kept for later: `send` says no. What a lost connection
+leaves in the queue goes out on the next.
 
 What libzmq holds is bounded by `queue` messages of `max_bytes` each way and peer. One thing is not: parts of a
 message that never ends, which only a peer that was let in can send; beyond loopback that takes a key.
@@ -29,7 +30,13 @@ QUEUE = 1_024
 HANDSHAKE_MS = 5_000
 HEARTBEAT_MS = 2_000
 SILENT_MS = 10_000
-"""A peer that answers no heartbeat for so long is gone; a process that was paused for five seconds is not."""
+"""A peer that answers no heartbeat for so long is gone; a process that was paused for five seconds is not.
+
+Only under keys, where it may be on another machine. On loopback TCP says when a process ends, and anybody may connect:
+libzmq 4.3.5 aborts the process when a heartbeat is due on a connection that filled the queue and was closed
+(https://github.com/zeromq/libzmq/pull/4852)."""
+MOST_PEERS = 8
+"""Of those who have connected, so many are remembered."""
 RECONNECT_MS = 100
 SLOWEST_RECONNECT_MS = 1_000
 LINGER_MS = 1_000
@@ -96,8 +103,8 @@ class ZmqEnd:
         self._on_note = on_note
         self._max_bytes = max_bytes
         self._binds = binds
-        self._peer: bytes | None = None
-        """Whom a ROUTER addresses."""
+        self._peers: list[bytes] = []
+        """Whom a ROUTER addresses: the last one."""
         self._greeted = False
         self._lines = 0
         """Connections, and how many of them were let in."""
@@ -169,7 +176,7 @@ class ZmqEnd:
     @property
     def connected(self) -> bool:
         """Whether `send` has somebody to send to, as far as is known."""
-        return not self._closed and (self._peer is not None if self._binds else self._shaken > 0)
+        return not self._closed and (bool(self._peers) if self._binds else self._shaken > 0)
 
     def send(self, payload: bytes) -> bool:
         """Send one payload as one message; `False`, and counted, without a peer or where its queue is full."""
@@ -184,8 +191,7 @@ class ZmqEnd:
             return False
         try:
             if self._binds:
-                assert self._peer is not None
-                self._socket.send_multipart([self._peer, payload], zmq.NOBLOCK)
+                self._socket.send_multipart([self._peers[-1], payload], zmq.NOBLOCK)
             else:
                 self._socket.send(payload, zmq.NOBLOCK)
         except zmq.Again:
@@ -194,9 +200,8 @@ class ZmqEnd:
         except zmq.ZMQError as error:
             if error.errno != zmq.EHOSTUNREACH:
                 raise
-            self._peer = None
-            counts.unsent += 1
-            sent = False
+            self._peers.pop()
+            return self.send(payload)
         else:
             counts.sent += 1
             sent = True
@@ -235,8 +240,9 @@ class ZmqEnd:
                 return False
             if self._binds:
                 sender, *parts = parts
-                if sender != self._peer:
-                    self._peer, self._greeted = sender, False
+                if self._peers[-1:] != [sender]:
+                    earlier = [peer for peer in self._peers if peer != sender]
+                    self._peers, self._greeted = [*earlier[1 - MOST_PEERS :], sender], False
                 if parts == [b""] and not self._greeted:
                     self._greeted = True
                     continue
@@ -292,7 +298,7 @@ class ZmqEnd:
         if self._lines < self._shaken:
             self._shaken -= 1
             if not self._shaken:
-                self._peer = None
+                self._peers.clear()
                 self._on_note("disconnected", f"{text(self._address)}: the peer has gone")
             return
         counts = self.counts
@@ -311,9 +317,9 @@ class ZmqEnd:
         socket.set(zmq.RCVHWM, queue)
         socket.set(zmq.MAXMSGSIZE, self._max_bytes)
         socket.set(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
-        socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
-        socket.set(zmq.HEARTBEAT_TIMEOUT, SILENT_MS)
         if keys is not None:
+            socket.set(zmq.HEARTBEAT_IVL, HEARTBEAT_MS)
+            socket.set(zmq.HEARTBEAT_TIMEOUT, SILENT_MS)
             socket.curve_publickey = keys.public
             socket.curve_secretkey = keys.secret
         if self._binds:

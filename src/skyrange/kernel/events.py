@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import IntEnum
-from heapq import heappush
+from heapq import heapify, heappush
 from typing import Any
 
 from skyrange.core.time import Phase, Time, ceil_to
@@ -48,3 +48,22 @@ def wake_forwarder(heap: list[Event], due: Time, forwarder: Forwarder) -> None:
     if forwarder.due != due:
         forwarder.due = due
         heappush(heap, ((due << 3) | WAKEUP, "", forwarder.forward.name, 0, FORWARD, forwarder))
+
+
+def held_up(heap: list[Event], until: Time) -> None:
+    """Have all that was due before `until` happen then, in its order: an agent that was due several times steps once.
+
+    For a kernel without fused routes.
+    """
+    kept = []
+    for key, lane, sender, serial, code, data in heap:
+        at = key >> 3
+        if at < until:
+            if code in (STEP, TAP, FORWARD):
+                if data.due != at:
+                    continue  # it has happened, or was put off
+                at = data.due = ceil_to(until, data.service_ns) if code == STEP else until
+            key = (max(at, until) << 3) | (key & 7)
+        kept.append((key, lane, sender, serial, code, data))
+    heap[:] = kept
+    heapify(heap)

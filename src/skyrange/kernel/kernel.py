@@ -26,7 +26,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port, own_voice
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
-from skyrange.kernel.events import STEP, WAKEUP
+from skyrange.kernel.events import STEP, WAKEUP, held_up
 from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Lane, Mailbox, Transit
 from skyrange.kernel.stages import Stage, Stages
@@ -169,6 +169,18 @@ class Kernel:
         self.now = until
         outbound, traffic.outbound = traffic.outbound, []
         return outbound
+
+    def skip(self, until: Time) -> None:
+        """Stand still from `now` until `until`: what was due in between happens then, once, as in a paused process.
+
+        A kernel that has not begun begins so at `until`. Without a world only, whose ticks cannot be left out, and with
+        `Wiring.fuse` off.
+        """
+        if self._world is not None:
+            raise ComponentError("kernel", "a world cannot stand still")
+        if until > self.now:
+            held_up(self._traffic.heap, until)
+            self.now = until - 1
 
     @property
     def due(self) -> Time:

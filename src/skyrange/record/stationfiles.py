@@ -115,7 +115,7 @@ class StationFiles:
                 column = pa.array(values[chosen].tolist(), pa.string())
                 plain = plain and not pc.any(pc.match_substring_regex(column, '[,"\r\n]')).as_py()
             elif kind == "int":
-                column = pa.array(values[chosen].astype(np.int64), mask=absent[chosen])
+                column = pa.array(np.where(absent[chosen], 0, values[chosen]).astype(np.int64), mask=absent[chosen])
             else:
                 column = pa.array(values[chosen], mask=absent[chosen])
             columns.append(column)

@@ -167,6 +167,19 @@ class Record(Model):
     )
 
 
+OnDeath = Literal["stop", "continue", "restart"]
+
+
+class Live(Model):
+    """What holds for `skyrange live` alone, beside `hosts`."""
+
+    on_death: OnDeath = Field(
+        default="stop",
+        description="When a process dies: stop the range, continue without it, or restart it, at most three times. "
+        "Without the world the range stops in any case.",
+    )
+
+
 def _origin(value: Any) -> Any:
     """(lat, lon) or (lat, lon, alt_msl_m) as an Origin's keys."""
     value = items(value)
@@ -217,6 +230,7 @@ class Scenario(Model):
         default=(), description="Changes to links' channels; later ones stand over earlier."
     )
     hosts: Hosts = Field(default_factory=dict)
+    live: Live = Field(default_factory=Live, description="How a live range is run; default: as usual.")
     operators: tuple[Operator, ...] = Field(description="Who takes part, one operator or more.")
     attacks: tuple[AttackTable, ...] = Field(default=(), description="What is done to them; default: nothing.")
 

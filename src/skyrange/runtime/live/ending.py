@@ -14,6 +14,8 @@ from skyrange.runtime.live.plan import LOOPBACK
 from skyrange.runtime.live.range import Range
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
+COUNTED: Final = ("sent", "received", "unheard", "early", "dropped", "garbage", "refused")
+"""Of each node's last start, as its `Counts` has them."""
 
 
 def merge(flown: Range, status: str, failure: SkyrangeError | None) -> None:
@@ -22,14 +24,19 @@ def merge(flown: Range, status: str, failure: SkyrangeError | None) -> None:
     if failure is not None:
         extra["error"] = str(failure)
     try:
-        found = gather(
-            [flown.folder / part_of(node.name) for node in flown.plan.nodes], flown.recorder, flown.rig.header
-        )
+        found = gather([flown.folder / part for part in _parts(flown)], flown.recorder, flown.rig.header)
     except SkyrangeError as error:
         flown.recorder.close("failed", {"error": str(error)} | extra)
         raise
     flown.recorder.close(status, {**found, **extra})
     shutil.rmtree(flown.folder / PARTS, ignore_errors=True)  # none where nothing was started
+
+
+def _parts(flown: Range) -> list[str]:
+    """Where everything was recorded, of each node once for each time that it was started."""
+    starts = {name: member.starts for name, member in flown.members.items()}
+    names = [node.name for node in flown.plan.nodes]
+    return [part_of(name, start) for name in names for start in range(1, starts.get(name, 1) + 1)]
 
 
 def _timings(flown: Range) -> dict[str, Any]:
@@ -56,4 +63,8 @@ def _live(flown: Range) -> dict[str, Any]:
         "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
         "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
         "ended": {member.name: member.ended for member in flown.members.values() if member.ended},
+        "started_anew": {member.name: member.deaths for member in flown.members.values() if member.deaths},
+        "counts": {
+            name: {key: int(member.status.get(key, 0)) for key in COUNTED} for name, member in flown.members.items()
+        },
     }

@@ -17,14 +17,14 @@ def label_of(node: str) -> str:
     return node.replace("/", "-").replace(":", "_")
 
 
-def part_of(node: str) -> str:
-    """The folder of a node's record within the run's."""
-    return f"{PARTS}/{label_of(node)}"
+def part_of(node: str, start: int = 1) -> str:
+    """The folder of a node's record within the run's; each of its starts has its own."""
+    return f"{PARTS}/{label_of(node)}" + (f".{start}" if start > 1 else "")
 
 
 def start(root: Path, orders: Orders, through: Sequence[str] = ()) -> Program:
     """Start the process that `orders` are for in the run's folder `root`, by way of the command `through`."""
-    folder = root / PARTS / f"{label_of(orders.name)}.program"
+    folder = root / f"{orders.part}.program"
     folder.mkdir(parents=True, exist_ok=True)
     path = (folder / "orders.json").absolute()
     path.unlink(missing_ok=True)

@@ -23,6 +23,7 @@ from pydantic import TypeAdapter
 from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Frame
 from skyrange.agent.links import MIN_LATENCY_NS
+from skyrange.codec.deframe import Piece
 from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.io.mavlink_sockets import Address
@@ -34,6 +35,7 @@ from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.clock import RangeClock
 from skyrange.runtime.live.control import Phone
 from skyrange.runtime.live.ends import End, calling, listening
+from skyrange.runtime.live.intake import Intake
 from skyrange.runtime.live.passes import Passes
 from skyrange.runtime.live.tap_door import Taps
 from skyrange.runtime.live.viewing import Viewing, Watched
@@ -44,8 +46,9 @@ from skyrange.scenario.wire import Rig, wire
 SLICE_NS: Final[Time] = 50 * NS_PER_MS
 """The most that a node makes good at once, so that its sockets are served while it is behind."""
 STATUS_S: Final = 0.5
-MOST_WAITING: Final = 100_000
-"""Payloads that wait to be taken in; more are dropped and counted."""
+PAUSE_NS: Final[Time] = NS_PER_S
+"""Later than this a node was not slow but stood still: what it did not do then it does once, and not as often as it
+was due, as a program that was stopped has no old heartbeats to send. The world alone makes good every tick."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +64,8 @@ class Orders:
     control: Address
     crossings: tuple[Crossing, ...]
     passes: Passes
+    anew: bool = False
+    """Whether one of this name died before, while the range flew: it begins at the range's present."""
     motion: bool = False
     """Whether the command line lets vehicles outside the range be moved."""
     watched: Watched = ()
@@ -88,11 +93,17 @@ class Counts:
     unheard: int = 0
     """Payloads that no peer took."""
     dropped: int = 0
-    """Payloads that came faster than they could be taken in."""
+    """Payloads that came faster than any link of a range carries (see `intake`)."""
+    garbage: int = 0
+    """Of those received, runs of bytes and messages that are nothing the link carries."""
+    refused: int = 0
+    """Connections and requests that were not let in."""
     early: int = 0
     """Payloads that came before time 0 was known."""
     late_ns: Time = 0
     """The most that something was done after it was due."""
+    paused_ns: Time = 0
+    """In all, how long it stood still."""
 
 
 class Node:
@@ -105,11 +116,12 @@ class Node:
         observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
         self._kernel = Kernel(replace(rig.wiring, fuse=False), observers)
         self._recorder = recorder
+        self._can_pause = rig.wiring.world is None
         self._duration_ns = rig.duration_ns
         self._clock: RangeClock | None = None
         self._ends: dict[str, End] = {}
         self._taps = Taps(orders.crossings, frozenset(orders.endpoints), recorder)
-        self._waiting: list[tuple[Time, str, bytes]] = []
+        self._intake = Intake()
         self._resting: asyncio.Future[None] | None = None
         self._pending: list[tuple[Time, int, Transit]] = []
         self._pushed = 0
@@ -148,19 +160,17 @@ class Node:
                     "Move all ports with --port-offset",
                 ) from error
 
-    def _heard(self, lane: str, data: bytes) -> None:
+    def _heard(self, lane: str, piece: Piece) -> None:
         if self._clock is None:
             self.counts.early += 1  # a stranger's: nobody of the range speaks before it
             return
-        if len(self._waiting) >= MOST_WAITING:
-            self.counts.dropped += 1
-            return
-        self._waiting.append((self._clock.now(), lane, data))
+        self.counts.garbage += piece.garbage
+        self._intake.take(self._clock.now(), lane, piece.data)
         self._wake()
 
     def boot(self) -> None:
         """Everything before time 0."""
-        if self._kernel.now < -1:
+        if self._kernel.now < -1 and not self._orders.anew:
             self._kernel.advance(-1)
 
     def stop(self, why: str) -> None:
@@ -179,6 +189,8 @@ class Node:
         if self._viewing is not None:
             self._viewing.open()
         self._began_cpu_s = time.process_time()
+        if self._orders.anew:
+            self._kernel.skip(clock.now())
         while not self._stopped:
             now = clock.now()
             if now >= 0:
@@ -192,7 +204,7 @@ class Node:
 
     async def _rest(self, seconds: float) -> None:
         """So long, or until something is heard; sockets are served at least once."""
-        if self._waiting or seconds <= 0.0:
+        if self._intake.waiting or seconds <= 0.0:
             await asyncio.sleep(0)
             return
         # a future and a timer: an Event within asyncio.timeout does the same for half as much again
@@ -212,9 +224,13 @@ class Node:
         """Take in what was heard, go on to `now`, and say what is due."""
         kernel = self._kernel
         now = max(now, kernel.now)  # where the clock was set back
-        self.counts.late_ns = max(self.counts.late_ns, now - kernel.due)
+        late_ns = now - kernel.due
+        self.counts.late_ns = max(self.counts.late_ns, late_ns)
+        if late_ns > PAUSE_NS and self._can_pause:
+            self.counts.paused_ns += late_ns
+            kernel.skip(now)
         until = min(now, max(kernel.now, min(kernel.due, now)) + SLICE_NS)
-        heard, self._waiting = self._waiting, []
+        heard = self._intake.drain()
         inbound = [self._transit(lane, data, max(at, kernel.now + 1)) for at, lane, data in heard]
         inbound = self._tapped(now, inbound)
         for transit in kernel.advance(until, inbound):
@@ -266,6 +282,8 @@ class Node:
     def status(self) -> Mapping[str, float]:
         """For the supervisor's table."""
         now = self._clock.now() if self._clock is not None else 0
+        self.counts.dropped = self._intake.dropped
+        self.counts.refused = sum(end.refused for end in self._ends.values())
         return {
             **asdict(self.counts),
             **(self._viewing.status if self._viewing is not None else {}),
@@ -296,8 +314,9 @@ async def serve(orders: Orders, root: Path) -> int:
         try:
             scenario, here = load_file(root / "scenario.toml"), frozenset(orders.endpoints)
             rig = wire(scenario, local=here, motion=orders.motion)
-            await _until(phone, "warm_up")
-            warm_up(scenario)
+            if not orders.anew:  # the others wait for nobody who is late, and what he runs they have compiled
+                await _until(phone, "warm_up")
+                warm_up(scenario)
             return await _serve(orders, phone, rig, root / orders.part)
         except _StoppedError:
             await phone.tell("done", status="interrupted")

@@ -20,11 +20,12 @@ from skyrange.runtime.live.namespaces import Namespaces, namespaces
 from skyrange.runtime.live.plan import Group, Plan, component_of, plan
 from skyrange.runtime.live.viewing import Watched, watched
 from skyrange.runtime.run import open_record
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.schema import OnDeath, Scenario
 from skyrange.scenario.wire import Rig, wire
 
 State = Literal["starting", "here", "bound", "ready", "flying", "done", "dead"]
-OnDeath = Literal["stop", "continue"]
+MOST_STARTS = 4
+"""Of a node: what dies so often is not mended by a start more."""
 
 
 @dataclass(slots=True)
@@ -42,6 +43,13 @@ class Member:
     """How it ended, with its last words; "" while it has not, or for one that ended as it should."""
     gone: bool = False
     """Whether its process on another machine has ended."""
+    deaths: list[str] = field(default_factory=list)
+    """How those of this name ended that were started before it."""
+
+    @property
+    def starts(self) -> int:
+        """How often it was started."""
+        return len(self.deaths) + 1
 
     @property
     def running(self) -> bool:
@@ -58,7 +66,7 @@ class Range:
     crossings: list[Crossing]
     recorder: Recorder
     """Of the whole; it is told everything at the end."""
-    on_death: OnDeath = "stop"
+    on_death: OnDeath
     keys: Keys | None = None
     """The range's own and those of the machines that may join; `None` for a range of one machine."""
     control_port: int = 0
@@ -107,7 +115,7 @@ def prepare(
     group: Group | None = None,
     outside: tuple[str, ...] = (),
     port_offset: int = 0,
-    on_death: OnDeath = "stop",
+    on_death: OnDeath | None = None,
     keys: Keys | None = None,
     netns: bool = False,
     motion: bool = False,
@@ -115,7 +123,8 @@ def prepare(
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
-    With a `viewer_port` ground stations can watch there, as `runtime.viewers` has it; no offset moves that.
+    `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, as `runtime.viewers`
+    has it; no offset moves that.
     Raises `InputError` with all that is wrong, before anything is written.
     """
     rig = wire(scenario, motion=motion)
@@ -135,7 +144,8 @@ def prepare(
     control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
     seen = watched(fleet, viewer_port) if viewer_port is not None else ()
-    return Range(rig, planned, places, open_record(rig, out), on_death, keys, control_port, spaces, motion, seen)
+    death = on_death or scenario.live.on_death
+    return Range(rig, planned, places, open_record(rig, out), death, keys, control_port, spaces, motion, seen)
 
 
 def _check_attacks(rig: Rig) -> None:

@@ -1,7 +1,8 @@
 """How is a live range brought up, watched and taken down? Processes by readiness, one start, one record.
 
 All addresses are checked, then held by their owners, before anybody calls; the clock's zero is told once every node has
-booted. A node that ends early is named with its last words, and the range ends or goes on without it.
+booted. A node that ends early is named with its last words, and the range ends, or goes on without it, or starts it
+anew. Nothing is left to fly without the world, whose end is the range's.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import zmq
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.io.curve_keys import Keys
 from skyrange.io.mavlink_sockets import Address
+from skyrange.record.folder import PARTS
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.live import launch
 from skyrange.runtime.live.control import Desk, Message
@@ -26,7 +28,7 @@ from skyrange.runtime.live.joining import Machine, Machines
 from skyrange.runtime.live.node import Orders
 from skyrange.runtime.live.passes import Passes, issue
 from skyrange.runtime.live.plan import LOOPBACK, WORLD
-from skyrange.runtime.live.range import Member, OnLook, Range, State
+from skyrange.runtime.live.range import MOST_STARTS, Member, OnLook, Range, State
 
 LEAD_NS: Final = 300_000_000
 """From the word to start to time 0."""
@@ -95,7 +97,12 @@ class _Supervisor:
                     member.program.kill()
             flown.clocks, flown.refused = self._machines.told, self._desk.refused
             self._desk.close()
-        merge(flown, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
+        try:
+            merge(flown, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
+        except (SkyrangeError, OSError) as error:
+            said = f"{failure}\n{error}" if failure is not None else str(error)
+            hint = f"What each process recorded is in {flown.folder / PARTS}, where `skyrange show` reads it"
+            raise ComponentError("live", said, hint) from error
         if failure is not None:
             raise failure
         if interrupt.requested:
@@ -131,20 +138,27 @@ class _Supervisor:
             await self._machines.give(address, flown.rig.attachments, orders)
         for node in flown.plan.nodes:
             if node.host not in self._machines.members:
-                through = flown.spaces.through(node.host) if flown.spaces is not None else ()
-                flown.members[node.name].program = launch.start(flown.folder, self._orders(node.name), through)
+                self._launch(flown.members[node.name])
+
+    def _launch(self, member: Member) -> None:
+        """Start a process on this machine."""
+        flown = self._range
+        through = flown.spaces.through(member.host) if flown.spaces is not None else ()
+        member.program = launch.start(flown.folder, self._orders(member.name), through)
 
     def _orders(self, name: str) -> Orders:
         flown = self._range
+        start = flown.members[name].starts
         node = next(one for one in flown.plan.nodes if one.name == name)
         return Orders(
             name=node.name,
             endpoints=tuple(sorted(node.endpoints)),
-            part=launch.part_of(node.name),
+            part=launch.part_of(node.name, start),
             host=node.host,
             control=self._desk.address,
             crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
             passes=self._passes,
+            anew=start > 1,
             motion=flown.motion,
             watched=flown.watched if node.name == WORLD else (),
         )
@@ -191,11 +205,22 @@ class _Supervisor:
         flown, interrupt = self._range, self._interrupt
         while not interrupt.requested and any(one.state not in ("done", "dead") for one in flown.members.values()):
             self._bury()
-            dead = [member for member in flown.members.values() if member.ended]
-            if dead and flown.on_death == "stop":
-                raise ComponentError(dead[0].name, dead[0].ended)
+            for dead in [member for member in flown.members.values() if member.ended]:
+                if flown.on_death == "stop" or dead.name == WORLD:
+                    raise ComponentError(dead.name, dead.ended)
+                if flown.on_death == "restart" and dead.starts < MOST_STARTS and not dead.running:
+                    await self._start_anew(dead)
             self._on_look(flown)
             await asyncio.sleep(LOOK_S)
+
+    async def _start_anew(self, dead: Member) -> None:
+        """The next of its name, which `_hear` brings up while the others fly."""
+        dead.deaths.append(dead.ended)
+        dead.state, dead.ended, dead.status, dead.gone = "starting", "", {}, False
+        if dead.host in self._machines.members:
+            await self._machines.give(dead.host, {}, [self._orders(dead.name)])
+        else:
+            self._launch(dead)
 
     def _bury(self) -> None:
         """Notice those that have ended without a word."""
@@ -206,7 +231,8 @@ class _Supervisor:
             if machine is not None and machine.silent:
                 self._on_ended(member.name, f"the machine {member.host} fell silent")
             elif member.program is not None and not member.program.running:
-                self._on_ended(member.name, f"{member.program.ended}. It said last:\n{member.program.last_words()}")
+                words = member.program.last_words()
+                self._on_ended(member.name, member.program.ended + (f". It said last:\n{words}" if words else ""))
 
     def _on_ended(self, name: str, how: str) -> None:
         member = self._range.members.get(name)
@@ -224,6 +250,7 @@ class _Supervisor:
             try:
                 if not await self._machines.hear(who, said, blob):
                     self._hear(who, said)
+                    await self._lead(who)
                 elif said["kind"] == "clock" and self._machines.zero_ns:
                     await self._tell_time(who)
             except (KeyError, TypeError, ValueError):  # not what such a message says
@@ -244,6 +271,13 @@ class _Supervisor:
         elif kind == "done":
             member.state, member.status = "done", {**member.status, **said}
             member.ended = str(said.get("error", ""))
+
+    async def _lead(self, name: str) -> None:
+        """Bring up one that was started anew; the others are there, and wait for nothing."""
+        member = self._range.members.get(name)
+        word = {"bound": "connect", "ready": "start"}.get(member.state, "") if member is not None else ""
+        if member is not None and member.deaths and word:
+            await self._desk.tell(name, word, zero_ns=self._machines.zero_at(member.host))
 
     async def _tell_time(self, who: str) -> None:
         """To the nodes of a machine whose clock was measured again."""

@@ -1,0 +1,135 @@
+"""A live range that is harmed in mid-flight: what the table in the docs says of it happens, and no record is lost."""
+
+from __future__ import annotations
+
+import itertools
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from skyrange.core.time import NS_PER_S
+from skyrange.record import load
+from skyrange.record.run import RunRecord
+from tests.integration.live_faults import FAULTS, Fault, Harmed, gap_s, harm, rows_of
+
+pytestmark = pytest.mark.integration
+PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "live-faults.md"
+COMMITTED = rows_of(PAGE.read_text())
+
+
+def made(name: str, folder: Path) -> tuple[Fault, Harmed, RunRecord]:
+    fault = next(one for one in FAULTS if one.name == name)
+    harmed, record = harm(fault, folder)
+    rows = fault.rows(record, harmed)
+    assert rows == [row for row in COMMITTED if row.fault in {one.fault for one in rows}]
+    return fault, harmed, record
+
+
+def statuses(record: RunRecord) -> dict[str, list[str]]:
+    """How each node's parts ended, in order of their starts."""
+    found: dict[str, list[str]] = {}
+    for node in record.manifest["nodes"]:
+        found.setdefault(node["name"], []).append(node["status"])
+    return found
+
+
+def sent_by(record: RunRecord, sender: str, link: str) -> list[float]:
+    """When, in s."""
+    rows = record.table("frames", ["link", "sender", "sent_ns"]).to_pylist()
+    return sorted(row["sent_ns"] / NS_PER_S for row in rows if row["sender"] == sender and row["link"] == link)
+
+
+def test_the_table_has_every_fault() -> None:
+    whats = [fault.differs.get(vehicle, fault.what) for fault in FAULTS for vehicle in fault.told]
+    assert [row.fault for row in COMMITTED] == whats
+
+
+def test_a_ground_station_is_started_anew_and_goes_on_watching(tmp_path: Path) -> None:
+    _, harmed, record = made("station", tmp_path)
+    assert list(record.manifest["live"]["started_anew"]) == ["blue.gcs"]
+    assert statuses(record)["blue.gcs"] == ["killed", "complete"]
+    times = sent_by(record, "blue.gcs", "gcs:blue/b2")
+    assert times[0] < harmed.hit_s < times[-1]
+    serials = record.table("frames", ["link", "sender", "serial"]).to_pylist()
+    own = [row["serial"] for row in serials if row["sender"] == "blue.gcs" and row["link"] == "gcs:blue/b2"]
+    assert len(own) == len(set(own))
+
+
+def test_companion_proxy_and_approval_are_started_anew(tmp_path: Path) -> None:
+    _, harmed, record = made("others", tmp_path)
+    gone = {"approval", "blue/b1.companion", "blue/b2.proxy"}
+    assert set(record.manifest["live"]["started_anew"]) == gone
+    assert {name for name, ended in statuses(record).items() if ended == ["killed", "complete"]} == gone
+    broadcasts = sent_by(record, "blue/b1.companion", "rid_up:blue/b1")
+    silent = max(later - earlier for earlier, later in itertools.pairwise(broadcasts))
+    assert 1.0 < silent < 15.0
+    assert broadcasts[-1] > harmed.hit_s + silent
+
+
+def test_a_killed_companion_or_proxy_is_a_lost_link(tmp_path: Path) -> None:
+    _, harmed, record = made("others for good", tmp_path)
+    assert set(record.manifest["live"]["ended"]) == {"approval", "blue/b1.companion", "blue/b2.proxy"}
+    for dead in ("blue/b1.companion", "blue/b2.proxy"):
+        assert statuses(record)[dead] == ["killed"]
+    assert max(sent_by(record, "blue.gcs", "gcs:blue/b1")) > harmed.hit_s + 10.0
+
+
+def test_without_its_world_a_range_ends_and_keeps_what_it_recorded(tmp_path: Path) -> None:
+    _, harmed, record = made("world", tmp_path)
+    assert "world: signal SIGKILL" in harmed.err
+    assert record.status == "failed"
+    assert max(record.table("truth", ["time_ns"]).column("time_ns").to_pylist()) > (harmed.hit_s - 1.5) * NS_PER_S
+
+
+def test_a_paused_ground_station_does_not_make_good_its_heartbeats(tmp_path: Path) -> None:
+    _, _harmed, record = made("station paused", tmp_path)
+    assert 4.5 < gap_s(record, "blue.gcs") < 7.0
+    times = sent_by(record, "blue.gcs", "gcs:blue/b2")
+    woke = next(later for earlier, later in itertools.pairwise(times) if later - earlier > 4.5)
+    assert len([at for at in times if woke <= at < woke + 1.0]) <= 3
+    assert record.manifest["live"]["late_max_s"]["blue.gcs"] == pytest.approx(5.0, abs=1.0)
+    assert "blue.gcs" in record.manifest["live"]["fell_behind"]
+
+
+def test_a_paused_world_makes_good_every_tick(tmp_path: Path) -> None:
+    _, _harmed, record = made("world paused", tmp_path)
+    assert record.manifest["live"]["late_max_s"]["world"] == pytest.approx(5.0, abs=1.0)
+    rows = record.table("truth", ["time_ns", "vehicle"]).to_pylist()
+    times = [row["time_ns"] for row in rows if row["vehicle"] == "blue/b1"]
+    assert max(later - earlier for earlier, later in itertools.pairwise(times)) < 0.2 * NS_PER_S
+
+
+def _can_cut() -> bool:
+    """Whether `ss -K` ends connections here: it needs root and a kernel with CONFIG_INET_DIAG_DESTROY."""
+    import socket
+
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as one:
+        port = str(server.getsockname()[1])
+        try:
+            subprocess.run(["ss", "-K", "dst", "127.0.0.1", "dport", "=", f":{port}"], capture_output=True, check=True)
+            one.settimeout(0.5)
+            one.send(b"x")
+            return one.recv(1) == b""
+        except TimeoutError:
+            return False
+        except OSError:
+            return True
+        except subprocess.CalledProcessError:
+            return False
+
+
+@pytest.mark.skipif(not _can_cut(), reason="ss -K cannot end connections here (root, CONFIG_INET_DIAG_DESTROY)")
+def test_a_tcp_link_that_is_cut_is_there_again(tmp_path: Path) -> None:
+    _, _harmed, record = made("link", tmp_path)
+    frames = record.table("frames", ["link", "fate"]).to_pylist()
+    assert any(row["fate"] == "lost" for row in frames if row["link"] == "log:blue/b2")
+    times = sent_by(record, "blue/b2.proxy", "log:blue/b2")
+    assert max(later - earlier for earlier, later in itertools.pairwise(times)) < 2.0
+
+
+def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path) -> None:
+    _, harmed, _ = made("disk", tmp_path)
+    assert "cannot write" in harmed.err
+    for part in ("world", "blue.gcs"):
+        assert load(harmed.part(part)).rows("frames") > 0
