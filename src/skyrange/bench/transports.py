@@ -95,7 +95,7 @@ def _measured(transport: Transport, frames: int) -> dict[str, Any]:
     cpu_s += said["cpu_s"]
     return {
         "transport": transport,
-        "links": [name for name, kind in KINDS.items() if kind.transport == transport],
+        "links": _carried(transport),
         "frames": crossed,
         "frame_bytes": len(frame(transport, time.monotonic_ns(), 1)),
         "frames_per_s": round(crossed / said["took_s"]),
@@ -105,8 +105,15 @@ def _measured(transport: Transport, frames: int) -> dict[str, Any]:
     }
 
 
+def _carried(transport: Transport) -> list[str]:
+    """The kinds of links that go over it."""
+    return [name for name, kind in KINDS.items() if kind.transport == transport]
+
+
 def _crossing(transport: Transport, port: int) -> Crossing:
-    return Crossing(LinkSpec("bench", "caller", "listener"), transport, "listener", (LOOPBACK, port))
+    return Crossing(
+        LinkSpec(f"{_carried(transport)[0]}:bench", "caller", "listener"), transport, "listener", (LOOPBACK, port)
+    )
 
 
 def _passes() -> Passes:
