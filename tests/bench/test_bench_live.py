@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -13,9 +11,7 @@ from skyrange.bench.transports import measure as measure_transport
 from skyrange.io.http_frames import read_request
 from skyrange.runtime.live.addresses import KINDS, Transport
 from skyrange.runtime.live.range import Range
-
-OFFSET = 3000 + os.getpid() % 1100 * 10
-"""Below the ports that Linux gives to who connects."""
+from tests.ports import OFFSET
 
 
 def test_every_transport_of_the_range_is_measured() -> None:

@@ -26,8 +26,8 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from tests.integration.live_programs import until
 from tests.integration.test_live_range import MAIN, nodes
+from tests.ports import OFFSET
 
-OFFSET = 7005 + os.getpid() % 2400 * 10
 SCENARIO = """
 name = "faults"
 seed = 4

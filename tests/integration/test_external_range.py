@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import socket
 import subprocess
@@ -21,11 +20,10 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.vehicle.ardupilot.parameters import NATIVE, OURS
 from tests.ardupilot import ARDUCOPTER, needs_arducopter
+from tests.ports import OFFSET
 
 pytestmark = pytest.mark.integration
 
-OFFSET = 12_000 + os.getpid() % 1000 * 10
-"""So that two test runs on one machine are out of each other's way."""
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 ORIGIN = "[origin]\nlat = 40.778\nlon = -73.955\nalt_msl_m = 20.0\n"
 PLAN = 'plan = { path = { points = [[0.0, 12.0]], alt_m = 5.0 }, end = "land" }'
@@ -163,7 +161,7 @@ def test_with_both_open_it_flies_its_mission_and_truth_is_where_it_is(foreign: P
 
 
 def test_in_a_live_range_too(foreign: Path, tmp_path: Path) -> None:
-    options = ("--allow-motion", "--group", "one", "--port-offset", str(OFFSET + 500))
+    options = ("--allow-motion", "--group", "one", "--port-offset", str(OFFSET + 75))
     flight = flown(tmp_path, OTHER, 38.0, *options, how="live")
     assert flight.outcomes["blue/b1"]["state"] == "complete"
     assert {row["source"] for row in flight.table("truth").to_pylist() if row["vehicle"] == "blue/b1"} == {"external"}

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
 from skyrange.scenario.catalogue import SHIPPED
 from tests.integration.live_agrees import FLIGHTS, TOLERANCE_S, fly_both
+from tests.ports import OFFSET
 
 pytestmark = pytest.mark.integration
-
-OFFSET = 3000 + os.getpid() % 1100 * 10
-"""Below the ports that Linux gives to who connects."""
 
 
 def test_all_that_is_shipped_is_flown_by_the_table() -> None:

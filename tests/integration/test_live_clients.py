@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import subprocess
@@ -33,11 +32,9 @@ from tests.integration.live_programs import (
     skyrange,
     until,
 )
+from tests.ports import OFFSET
 
 pytestmark = pytest.mark.integration
-
-OFFSET = 2000 + os.getpid() % 400 * 10
-"""So that two test runs on one machine are out of each other's way."""
 
 
 def test_mavsdk_is_an_operators_ground_station(tmp_path: Path) -> None:

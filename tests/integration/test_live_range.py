@@ -21,11 +21,10 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.study.session import run
 from tests.integration.live_programs import until
+from tests.ports import OFFSET
 
 pytestmark = pytest.mark.integration
 
-OFFSET = 7000 + os.getpid() % 2500 * 10
-"""So that two test runs on one machine are out of each other's way."""
 MAVPROXY = shutil.which("mavproxy.py")
 MISSION = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t-35.363328\t149.1652241\t0\t1

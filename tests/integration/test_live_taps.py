@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 from pathlib import Path
@@ -12,10 +11,10 @@ import pytest
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from tests.integration.live_programs import ONE_AIRCRAFT, beside, heard, kinds, live, skyrange, until
+from tests.ports import OFFSET
 
 pytestmark = pytest.mark.integration
 
-OFFSET = 24_000 + os.getpid() % 400 * 10
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "tap-a-link-from-outside.md"
 
 

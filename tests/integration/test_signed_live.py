@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -16,10 +15,10 @@ from pymavlink import mavutil
 from skyrange.codec.signing import secret_of
 from skyrange.record import load
 from skyrange.scenario.signing import passphrase
+from tests.ports import OFFSET
 
 pytestmark = pytest.mark.integration
 
-OFFSET = 7001 + os.getpid() % 2500 * 10
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 SCENARIO = """
 name = "signed-live"
