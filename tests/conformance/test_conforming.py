@@ -33,7 +33,11 @@ BLUE = FLEET[:2]
 def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_registered", {})
     assert set(kinds(APPROVALS)) == {"approve-all"}
-    assert set(kinds(AUTOPILOTS)) == {"ardupilot", "builtin"}  # test_ardupilot_conforms
+    assert set(kinds(AUTOPILOTS)) == {
+        "ardupilot",
+        "builtin",
+        "external",
+    }  # test_ardupilot_conforms, test_external_conforms
 
 
 # ---------------------------------------------------------------- what is shipped
