@@ -67,6 +67,20 @@ Changes = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."),
 ]
+Qgc = Annotated[
+    bool,
+    typer.Option("--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."),
+]
+ViewerPort = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        min=0,
+        max=65_535,
+        help="The first of those ports, each next aircraft's is 10 higher; 0 takes any. Implies --qgc. "
+        "Default: 5763, and a --port-offset.",
+    ),
+]
 Motion = Annotated[
     bool,
     typer.Option(
@@ -130,22 +144,8 @@ def run(
     ] = None,
     buildings: Buildings = None,
     changes: Changes = None,
-    qgc: Annotated[
-        bool,
-        typer.Option(
-            "--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."
-        ),
-    ] = False,
-    viewer_port: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=0,
-            max=65_535,
-            help="The first of those ports, each next aircraft's is 10 higher; 0 takes any. Implies --qgc. "
-            "Default: 5763.",
-        ),
-    ] = None,
+    qgc: Qgc = False,
+    viewer_port: ViewerPort = None,
     allow_motion: Motion = False,
     as_json: AsJson = False,
 ) -> None:
@@ -202,22 +202,8 @@ def live_(
             "Default: what the scenario says, else stop.",
         ),
     ] = None,
-    qgc: Annotated[
-        bool,
-        typer.Option(
-            "--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."
-        ),
-    ] = False,
-    viewer_port: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            min=0,
-            max=65_535,
-            help="The first of those ports, each next aircraft's is 10 higher; 0 takes any. Implies --qgc. "
-            "Default: 5763 and the offset.",
-        ),
-    ] = None,
+    qgc: Qgc = False,
+    viewer_port: ViewerPort = None,
     keys: Annotated[
         Path | None,
         typer.Option(

@@ -129,12 +129,12 @@ def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
         with Live(_table(flown), console=Console(stderr=True), refresh_per_second=4) as shown:
             yield lambda now: shown.update(_table(now))
     else:
-        said, waited = -2, list[bool]()
+        said, waited = -2, False
 
         def tell(now: Range) -> None:
-            nonlocal said
+            nonlocal said, waited
             if now.waits_for and not waited:
-                waited.append(True)
+                waited = True
                 print(_waiting(now), file=sys.stderr, flush=True)
             tens = int(now.now_s // 10) if now.zero_ns else -1
             if tens > said and now.members:

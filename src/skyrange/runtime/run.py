@@ -19,9 +19,9 @@ from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
 from skyrange.runtime.collector import at_ease
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.runtime.live.warm import warm_up
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.pace import Pace, held_to
+from skyrange.runtime.warm import warm_up
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import Rig, engines_told, wire
 

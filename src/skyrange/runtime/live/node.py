@@ -39,7 +39,7 @@ from skyrange.runtime.live.intake import Intake
 from skyrange.runtime.live.passes import Passes
 from skyrange.runtime.live.tap_door import Taps
 from skyrange.runtime.live.viewing import Viewing, Watched
-from skyrange.runtime.live.warm import warm_up
+from skyrange.runtime.warm import warm_up
 from skyrange.scenario.load import load_file
 from skyrange.scenario.wire import Rig, wire
 

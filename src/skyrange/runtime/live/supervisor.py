@@ -70,29 +70,32 @@ class _Supervisor:
         peers = frozenset({self._passes.desk.public}) | (flown.keys.peers if flown.keys is not None else frozenset())
         self._desk = Desk(Keys(public, secret, peers))
         others = {address: Machine(address) for address in flown.joining}
+        self._listener: asyncio.Task[None] | None = None
         self._machines = Machines(flown.rig.scenario.name, self._desk, self._on_ended, others)
 
     async def fly(self) -> Path:
         """See `fly`."""
         flown, interrupt = self._range, self._interrupt
         failure: SkyrangeError | None = None
-        listener: asyncio.Task[None] | None = None
         try:
             self._open()
-            listener = asyncio.create_task(self._listen())
+            self._listener = asyncio.create_task(self._listen())
             await self._join()
             await self._start()
             await self._watch()
         except SkyrangeError as error:
             failure = error
+        except Exception as error:  # whatever broke: processes are ended, and the record says so
+            failure = ComponentError("live", repr(error))
+            failure.__cause__ = error
         flown.took_s = max(flown.now_s, 0.0)
         try:
             await self._end()
         except SkyrangeError as error:
             failure = failure or error
         finally:
-            if listener is not None:
-                listener.cancel()
+            if self._listener is not None:
+                self._listener.cancel()
             for member in flown.members.values():
                 if member.program is not None:
                     member.program.kill()
@@ -226,7 +229,9 @@ class _Supervisor:
             self._launch(dead)
 
     def _bury(self) -> None:
-        """Notice those that have ended without a word."""
+        """Notice those that have ended without a word, and that nobody listens any more."""
+        if self._listener is not None and self._listener.done():
+            self._listener.result()
         for member in self._range.members.values():
             if member.state in ("done", "dead"):
                 continue

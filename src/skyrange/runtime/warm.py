@@ -1,7 +1,7 @@
-"""How does no process of a live range compile in flight? Each flies the scenario beforehand, and throws it away.
+"""How is nothing compiled in flight where the clock does not wait? The scenario is flown beforehand, and thrown away.
 
-Compiling takes a minute of processor time, and what one process compiled the others only load; so the first does it
-alone, before the others start.
+Compiling takes a minute of processor time, and what one process compiled the others only load; so of a live range's
+processes on a machine the first does it alone, before the others start.
 """
 
 from __future__ import annotations
