@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from skyrange.agent.contracts import Sensors
-from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, lines, motion_of, stamp_s
+from skyrange.vehicle.ardupilot.lines import lines
+from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, motion_of, stamp_s, stamps_s
 from skyrange.world import Body, World
 
 
@@ -69,7 +70,7 @@ def test_who_is_asked_in_every_second_tick_feels_the_mean_of_both() -> None:
     for force in (2.0, 4.0, 6.0, 8.0):
         motion = Motion(np.zeros((2, 12)))
         mean.feel(np.full((2, 3), -force))
-        mean.put(motion, [0, 1] if force in (4.0, 8.0) else [0])
+        mean.put(motion, np.array([0, 1] if force in (4.0, 8.0) else [0]))
         felt.append(motion.accel_mps2[:, 2].tolist())
     assert felt == [[2.0, 2.0], [4.0, 3.0], [6.0, 6.0], [8.0, 7.0]]
 
@@ -99,9 +100,16 @@ def test_times_cut_to_microseconds_never_lose_one(step_ns: int) -> None:
     assert clock_us == steps * step_ns // 1000
 
 
+def test_stamps_of_many_are_those_of_each() -> None:
+    steps, step_ns = np.array([0, 1, 7, 10**9]), np.array([1_250_000, 2_500_000, 5_000_000, 1_250_000])
+    each = [stamp_s(*pair) for pair in zip(steps.tolist(), step_ns.tolist(), strict=True)]
+    assert stamps_s(steps, step_ns).tolist() == each
+
+
 def test_widths_are_commands_and_no_pulse_is_none() -> None:
     def answer(*widths: int) -> bytes:
         return b"".join(width.to_bytes(2, "little") for width in widths) + bytes(24)
 
-    commands = commands_of([answer(1000, 1500, 2000, 1150), answer(0, 900, 2100, 65535)])
+    answers = answer(1000, 1500, 2000, 1150) + answer(0, 900, 2100, 65535)
+    commands = commands_of(np.frombuffer(answers, dtype=np.uint8).reshape(2, -1))
     assert commands.tolist() == [[0.0, 0.5, 1.0, 0.15], [0.0, 0.0, 1.0, 1.0]]

@@ -17,8 +17,9 @@ from skyrange.record import load as load_record
 from skyrange.runtime.run import Run
 from skyrange.vehicle.ardupilot.binary import find
 from skyrange.vehicle.ardupilot.inventory import parameters_of
+from skyrange.vehicle.ardupilot.lines import lines
 from skyrange.vehicle.ardupilot.native import MODEL, SPEEDUP
-from skyrange.vehicle.ardupilot.packets import STANDING, lines, stamp_s
+from skyrange.vehicle.ardupilot.packets import STANDING, stamp_s
 from skyrange.vehicle.ardupilot.parameters import LOOP_RATE, RATES, start_values, steps_of, text_of
 from skyrange.world.airframes import AIRFRAMES
 
@@ -34,21 +35,26 @@ def measure(
     rates: str = "full",
     physics: str = "shared",
     speedup: float = 1.0,
+    remote_id: bool = False,
 ) -> dict[str, Any]:
     """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
 
-    With `physics` "shared" as fast as it goes, with "native" at `speedup`. `real_time_factor` is simulated over wall
-    seconds while flying, recording on; `autopilots_cpu_s` and `ours_cpu_s` the processor time of all ArduPilot
-    processes and of everything else for that; `per_core` how many aircraft one core would carry in real time, by
-    processor time. `bare_cpu_s` is what as many processes take for as many seconds with nothing around them, standing
-    still, measured right before: fed by the least loop there is, or left alone with their own physics; `over_bare` the
-    whole over that, `ours_over_bare` our part. `loop_hz` and `exchanges_hz` (0: none) are what ran; `flying` as in
-    `bench fleet`.
+    With `physics` "shared" as fast as it goes, with "native" at `speedup`; `remote_id` as `bench.fleet` has it.
+    `real_time_factor` is simulated over wall seconds while flying, recording on; `autopilots_cpu_s` and `ours_cpu_s`
+    the processor time of all ArduPilot processes and of everything else for that; `per_core` how many aircraft one
+    core would carry in real time, by processor time. `bare_cpu_s` is what as many processes take for as many seconds
+    with nothing around them, standing still, measured right before: fed by the least loop there is, or left alone
+    with their own physics; `over_bare` the whole over that, `ours_over_bare` our part. `loop_hz` and `exchanges_hz`
+    (0: none) are what ran; `flying` as in `bench fleet`.
     """
-    return apart(f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, load, rates, physics, speedup)
+    return apart(
+        f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, load, rates, physics, speedup, remote_id
+    )
 
 
-def _flown(vehicles: int, seconds: float, load: str, rates: str, physics: str, speedup: float) -> dict[str, Any]:
+def _flown(
+    vehicles: int, seconds: float, load: str, rates: str, physics: str, speedup: float, remote_id: bool
+) -> dict[str, Any]:
     binary = find()
     listed = parameters_of(binary.path, binary.sha256)
     native = physics == "native"
@@ -59,7 +65,7 @@ def _flown(vehicles: int, seconds: float, load: str, rates: str, physics: str, s
     options = {"physics": "native", "speedup": speedup} if native else {}
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        scenario = fleet_scenario(vehicles, seconds, load, autopilot="ardupilot", params=RATES[rates], options=options)
+        scenario = fleet_scenario(vehicles, seconds, load, remote_id, "ardupilot", RATES[rates], options)
         run = Run.start(scenario, Path(folder) / "run")
         engine: Any = next(mount.engine for mount in run.rig.wiring.engines)
         run.advance(WARM_UP_S)
@@ -74,6 +80,7 @@ def _flown(vehicles: int, seconds: float, load: str, rates: str, physics: str, s
             "vehicles": vehicles,
             "seconds": seconds,
             "load": load,
+            "remote_id": remote_id,
             "physics": physics,
             "speedup": speedup if native else None,
             "loop_hz": values.get(LOOP_RATE, listed.get(LOOP_RATE)),

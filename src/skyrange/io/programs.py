@@ -6,6 +6,7 @@ On Linux the kernel kills a child when the thread that started it ends (prctl(2)
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import math
 import os
@@ -128,6 +129,12 @@ class Program:
         """Stop its time, or let it go on; one that has ended stays so."""
         if self.running:
             self._process.send_signal(signal.SIGSTOP if held else signal.SIGCONT)
+
+    def keep_to(self, cores: set[int]) -> None:
+        """Run its main thread on these processor cores from now on, as far as the system lets us (Linux)."""
+        if self.running:  # the id of one that has ended may be another's
+            with contextlib.suppress(OSError):
+                os.sched_setaffinity(self.pid, cores)
 
     def kill(self) -> None:
         """End it now, and wait until it has. Again does nothing."""

@@ -29,8 +29,9 @@ LOOPBACK = "127.0.0.1"
 _APART = range(20_000, 30_000)
 FILES = 6
 """Sockets of one process on our side."""
-_HEAD = 8
-_SIZES = {(18458).to_bytes(2, "little"): 40, (29569).to_bytes(2, "little"): 72}
+HEAD = 8
+"""Bytes of a servo packet before its pulse widths."""
+SIZES = {(18458).to_bytes(2, "little"): 40, (29569).to_bytes(2, "little"): 72}
 """Sizes by magic number: rate and count, then 16 or 32 pulse widths (SIM_JSON.h, `servo_packet_16` and `_32`)."""
 _LOOK_S = 0.25
 """How often a wait looks whether the process still lives."""
@@ -175,8 +176,10 @@ class LockstepSitl(Sitl):
         """Datagrams that were no servo packets of its own."""
         self.restarts = 0
         """How often it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks: its clock is at 0 again."""
-        self._count = -1
-        self._peer: tuple[str, int] | None = None
+        self.count = -1
+        """Of its last answer."""
+        self.peer: tuple[str, int] | None = None
+        """Whom its answers come from; `None` before the first."""
         self._physics = _bound(socket.SOCK_DGRAM)
         self._physics.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(_LOOK_S * 1e6)))
         super().__init__(
@@ -188,43 +191,61 @@ class LockstepSitl(Sitl):
     @property
     def port(self) -> int:
         """The port that it speaks from, 0 before it has spoken."""
-        return self._peer[1] if self._peer is not None else 0
+        return self.peer[1] if self.peer is not None else 0
+
+    @property
+    def fileno(self) -> int:
+        """Of the socket of its physics."""
+        return self._physics.fileno()
 
     def send(self, line: bytes) -> None:
         """Let it compute a step; it has answered before."""
-        assert self._peer is not None
+        assert self.peer is not None
         try:
-            self._physics.sendto(line, self._peer)
+            self._physics.sendto(line, self.peer)
         except OSError:  # it may have died: the answer tells
             return
 
-    def servos(self, deadline: float) -> bytes | None:
+    def await_word(self) -> None:
+        """Wait until it may have answered, for a quarter of a second at most."""
+        with contextlib.suppress(BlockingIOError):
+            self._physics.recv(1, socket.MSG_PEEK)
+
+    def servos(self, deadline: float, first: tuple[bytes, tuple[str, int]] | None = None) -> bytes | None:
         """Its answer: pulse widths in µs, little-endian 16 bits each; `None` where it has ended or it is too late.
 
-        `deadline` is on the clock of `wall_s`. Where it has restarted meanwhile, `restarts` has grown.
+        `deadline` is on the clock of `wall_s`; `first` a datagram that was read already, and its sender. Where it has
+        restarted meanwhile, `restarts` has grown.
         """
+        heard = first
         while True:
-            try:
-                data, peer = self._physics.recvfrom(256)
-            except BlockingIOError:  # nothing for `_LOOK_S`
-                if wall_s() > deadline or not self.program.running:
-                    return None
-                continue
-            if _SIZES.get(data[:2]) != len(data):
-                self.strangers += 1
-                continue
-            count = int.from_bytes(data[4:8], "little")
-            if peer != self._peer:
-                if self._peer is not None:
-                    if count != 0:
-                        self.strangers += 1
-                        continue
-                    self.restarts += 1
-                self._peer = peer
-            elif count == self._count:
-                continue  # said again
-            self._count = count
-            return data[_HEAD:]
+            if heard is None:
+                try:
+                    heard = self._physics.recvfrom(256)
+                except BlockingIOError:  # nothing for `_LOOK_S`
+                    if wall_s() > deadline or not self.program.running:
+                        return None
+                    continue
+            if self._is_answer(*heard):
+                return heard[0][HEAD:]
+            heard = None
+
+    def _is_answer(self, data: bytes, sender: tuple[str, int]) -> bool:
+        if SIZES.get(data[:2]) != len(data):
+            self.strangers += 1
+            return False
+        count = int.from_bytes(data[4:8], "little")
+        if sender != self.peer:
+            if self.peer is not None:
+                if count != 0:
+                    self.strangers += 1
+                    return False
+                self.restarts += 1
+            self.peer = sender
+        elif count == self.count:
+            return False  # said again
+        self.count = count
+        return True
 
     def close(self) -> None:
         """End the process and give the ports back. Again does nothing."""

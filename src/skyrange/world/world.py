@@ -333,8 +333,9 @@ class World:
             for k, name in enumerate(names):
                 columns[name] = table[:, k].copy()
         throttle = np.zeros(len(self.vehicles))
+        commands = np.fmin(np.fmax(self._commands, 0.0), 1.0)  # a NaN is no command
         for m in range(MOTORS):  # motor by motor: a row's sum must not depend on how many rows there are
-            throttle += np.clip(np.nan_to_num(self._commands[:, m], nan=0.0), 0.0, 1.0)
+            throttle += commands[:, m]
         columns["throttle"] = throttle / MOTORS
         columns["on_ground"] = self._flags[:, multirotor.ON_GROUND].astype(np.float64)
         columns["crashed"] = self._flags[:, multirotor.CRASHED].astype(np.float64)

@@ -121,6 +121,8 @@ class Fleet(ABC):
         self._folder: TemporaryDirectory[str] | None = None
         self._instances: list[Instance] = []
         self._switchboard = Switchboard()
+        self._unheard: set[int] = set(range(len(specs)))
+        """Rows of which not all serial ports are connected."""
         self._commands = np.zeros((len(specs), MOTORS))
         self._skew = Skew()
 
@@ -251,14 +253,19 @@ class Fleet(ABC):
 
     def _hear(self, tick: Time, outbox: Outbox, wait_s: float = 0.0) -> None:
         """Take what they have said, waiting for the first; before time 0 nobody listens."""
-        for row, one in enumerate(self._instances):
-            if one.alive and not one.sitl.connected:
-                for place in one.sitl.accept():
-                    self._switchboard.add(row, place, one.sitl)
+        for row in sorted(self._unheard):
+            sitl = self._instances[row].sitl
+            if self._instances[row].alive:
+                for place in sitl.accept():
+                    self._switchboard.add(row, place, sitl)
                     self._connected(row, place, outbox)
+            if sitl.connected:
+                self._unheard.discard(row)
         for row, place in self._switchboard.speaking(wait_s):
             one = self._instances[row]
             data = one.sitl.read(place)
+            if one.sitl.serial[place] is None:  # closed
+                self._unheard.add(row)
             if place == PRIVATE:
                 self._learn(tick, row, data, outbox)
             else:

@@ -12,7 +12,8 @@ from skyrange.codec.mavlink import Deframer, Packer, decode, dialect
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
 from skyrange.io.sitl import LockstepSitl, wall_s
-from skyrange.vehicle.ardupilot.packets import STANDING, lines, stamp_s
+from skyrange.vehicle.ardupilot.lines import lines
+from skyrange.vehicle.ardupilot.packets import STANDING, stamp_s
 
 STEP_NS: Final = 2_500_000
 MOST_S: Final = 30.0

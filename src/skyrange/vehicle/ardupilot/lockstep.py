@@ -7,10 +7,10 @@ clock of the machine takes part: the same inputs give the same bytes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
 from skyrange.agent.messages import Inbox, Outbox
@@ -18,31 +18,18 @@ from skyrange.codec.mavlink import Message
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.io.cores import Pair
+from skyrange.io.exchanges import Exchanges
 from skyrange.io.sitl import LockstepSitl, wall_s
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet, Instance
+from skyrange.vehicle.ardupilot.lines import Writer
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, lines, motion_of, stamp_s
+from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, motion_of, stamps_s
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
 
 _TRIES = 5
-
-
-@dataclass(slots=True)
-class _Stepper:
-    """How time passes for one process."""
-
-    sitl: LockstepSitl
-    per_tick: int
-    ticks: int
-    """Exchanges per tick, ticks per exchange: one of them is 1."""
-    steps: int = 0
-    step_ns: Time = field(init=False)
-    """Between two exchanges."""
-
-    def __post_init__(self) -> None:
-        self.step_ns = QUANTUM_NS * self.ticks // self.per_tick
 
 
 class LockstepFleet(Fleet):
@@ -57,7 +44,7 @@ class LockstepFleet(Fleet):
         """As `Fleet`."""
         super().__init__(name, specs, origin, epoch, options)
         self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])
-        self._steppers: list[_Stepper] = []
+        self._sitls: list[LockstepSitl] = []
         self._tick: Time | None = None
         self._mean = MeanForce(len(specs))
         self._skips = False
@@ -66,9 +53,22 @@ class LockstepFleet(Fleet):
         """Exchanges per tick, as some have them."""
         self._motion: Motion | None = None
         """At the last tick."""
-        self._lines: dict[tuple[int, int], list[bytes]] = {}
-        """What each is sent in this tick, by exchanges per tick and which of them."""
-        self._due: list[int] = []
+        self._writers: dict[tuple[int, int], Writer] = {}
+        """Of what each is sent in a tick, by exchanges per tick and which of them."""
+        self._exchanges: Exchanges | None = None
+        self._steps: NDArray[np.int64] = np.zeros(len(specs), dtype=np.int64)
+        """Since each one's start."""
+        self._step_ns: NDArray[np.int64] = np.zeros(len(specs), dtype=np.int64)
+        """Between two exchanges."""
+        self._per_tick: NDArray[np.int64] = np.ones(len(specs), dtype=np.int64)
+        self._ticks: NDArray[np.int64] = np.ones(len(specs), dtype=np.int64)
+        """Exchanges per tick, ticks per exchange: one of them is 1."""
+        self._live: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        """The rows that are not lost."""
+        self._due: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        """Those of them with an exchange in this tick."""
+        self._sharing: Pair | None = None
+        """We and the process, where there is one alone."""
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
         airframe = AIRFRAMES[spec.airframe]
@@ -81,7 +81,7 @@ class LockstepFleet(Fleet):
         """Wait until the last process has spoken, each from a port of its own."""
         deadline = wall_s() + START_S
         taken: set[int] = set()
-        for one in self._instances:
+        for row, one in enumerate(self._instances):
             sitl = self._sitl(one)
             for again in range(_TRIES):
                 if sitl.servos(deadline) is None:
@@ -91,10 +91,18 @@ class LockstepFleet(Fleet):
                 self._launch_again(one, f"-{again + 2}")  # two at one port: one of them would not hear us
                 sitl = self._sitl(one)
             taken.add(sitl.port)
+            self._sitls.append(sitl)
             rates = parameters.steps_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
-            self._steppers.append(_Stepper(sitl, *rates))
-        self._skips = any(stepper.ticks > 1 for stepper in self._steppers)
-        self._rates = sorted({stepper.per_tick for stepper in self._steppers})
+            self._per_tick[row], self._ticks[row] = rates
+        self._step_ns = QUANTUM_NS * self._ticks // self._per_tick
+        self._skips = bool((self._ticks > 1).any())
+        self._rates = sorted(set(self._per_tick.tolist()))
+        count = len(self._sitls)
+        self._live = np.arange(count)
+        self._exchanges = Exchanges(self._sitls)
+        self._writers = {(rate, turn): Writer(count) for rate in self._rates for turn in range(rate)}
+        if count == 1:
+            self._sharing = Pair(self._sitls[0].program)
 
     def _sitl(self, one: Instance) -> LockstepSitl:
         assert isinstance(one.sitl, LockstepSitl)
@@ -112,71 +120,81 @@ class LockstepFleet(Fleet):
             )
         self._tick = tick
         number = tick // QUANTUM_NS
-        self._due = due = [row for row, one in enumerate(self._instances) if one.alive and self._exchanges(row, number)]
+        due = self._live
         if self._skips:
+            due = due[number % self._ticks[due] == 0]
             self._mean.feel(sensors.accel_mps2)
-        if not due:
+        self._due = due
+        if not len(due):
             return
         after = motion_of(sensors, self._home_up_m)
         if self._skips:
             self._mean.put(after, due)
         before, self._motion = (self._motion if self._motion is not None else after), after
+        self._send(before, after)
+
+    def _send(self, before: Motion, after: Motion) -> None:
+        """Let all that are due compute the tick, all its steps without a pause: each takes one line at a time."""
+        assert self._exchanges is not None
         for per_tick in self._rates:
-            for turn in range(per_tick):
-                stamps = [stamp_s(one.steps + turn + 1, one.step_ns) for one in self._steppers]
+            rows = self._due if len(self._rates) == 1 else self._due[self._per_tick[self._due] == per_tick]
+            for turn in range(per_tick if len(rows) else 0):
                 motion = after if turn + 1 == per_tick else between(before, after, (turn + 1) / per_tick)
-                self._lines[per_tick, turn] = lines(stamps, motion)
-        for row in due:
-            self._send(row)
-
-    def _exchanges(self, row: int, number: int) -> bool:
-        """Whether it does in a tick."""
-        ticks = self._steppers[row].ticks
-        return ticks == 1 or number % ticks == 0
-
-    def _send(self, row: int) -> None:
-        """Let a process compute the tick, all its steps without a pause: it takes one line at a time."""
-        stepper = self._steppers[row]
-        for turn in range(stepper.per_tick):
-            stepper.sitl.send(self._lines[stepper.per_tick, turn][row])
-        stepper.steps += stepper.per_tick
+                writer = self._writers[per_tick, turn]
+                writer.write(stamps_s(self._steps + (turn + 1), self._step_ns), motion)
+                self._exchanges.send(rows, writer.text, writer.lengths)
+        self._steps[self._due] += self._per_tick[self._due]
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
         booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
-        answers: dict[int, bytes] = {}
-        for row in self._due:
-            answer = self._answer(row, deadline, outbox)
-            if answer is not None:
-                answers[row] = answer
-        if answers:
-            self._commands[[*answers]] = commands_of([*answers.values()])
-        for row, one in enumerate(self._instances):
-            if not one.alive:
-                self._commands[row] = 0.0  # speed controllers without a signal stop
+        if len(self._due):
+            if self._sharing is not None:
+                self._sharing.give_way()
+            self._collect(deadline, outbox)
+        if len(self._live) < len(self._instances):
+            lost = np.setdiff1d(np.arange(len(self._instances)), self._live)
+            self._commands[lost] = 0.0  # speed controllers without a signal stop
         self._hear(tick, outbox)
         return Finished(self._commands, outbox, [one.status for one in self._instances])
 
-    def _answer(self, row: int, deadline: float, outbox: Outbox) -> bytes | None:
-        """What it answered to the last of its steps."""
-        one, stepper = self._instances[row], self._steppers[row]
-        restarts = stepper.sitl.restarts
-        answer: bytes | None = None
-        for _ in range(stepper.per_tick):
-            answer = stepper.sitl.servos(deadline)
-            if answer is None:
-                one.lose(InstanceStatus.SILENT if one.sitl.program.running else InstanceStatus.DEAD, outbox)
-                self._skew.forget(row)
-                break
-            if stepper.sitl.restarts > restarts:  # lines that waited for the old one are gone with it
-                stepper.steps = 0
-                one.restarted(outbox)
-                break
-        return answer
+    def _collect(self, deadline: float, outbox: Outbox) -> None:
+        """Take the answers of all that are due, and of what each answered to the last of its steps its commands."""
+        exchanges, due = self._exchanges, self._due
+        assert exchanges is not None
+        # the last was begun last: while we wait for it the others answer too, and do not wake us one by one
+        if len(due) > 1:
+            self._sitls[due[-1]].await_word()
+        waiting, lost = due, False
+        for turn in range(self._rates[-1]):
+            waiting = waiting[self._per_tick[waiting] > turn]
+            late = exchanges.take(waiting) if len(waiting) else []
+            gone = [row for row in late if not self._take_late(row, deadline, outbox)]
+            if gone:
+                waiting, lost = np.setdiff1d(waiting, gone), True
+        if lost:
+            live = [row for row in self._live.tolist() if self._instances[row].alive]
+            self._live = np.array(live, dtype=np.int64)
+            due = np.intersect1d(due, self._live)
+        self._commands[due] = commands_of(exchanges.answers[due])
+
+    def _take_late(self, row: int, deadline: float, outbox: Outbox) -> bool:
+        """Whether more answers to this tick will come of one whose answer was not there as usual."""
+        assert self._exchanges is not None
+        one, sitl = self._instances[row], self._sitls[row]
+        restarts = sitl.restarts
+        if not self._exchanges.take_late(row, deadline):
+            one.lose(InstanceStatus.SILENT if sitl.program.running else InstanceStatus.DEAD, outbox)
+            self._skew.forget(row)
+            return False
+        if sitl.restarts > restarts:  # lines that waited for the old one are gone with it
+            self._steps[row] = 0
+            one.restarted(outbox)
+            return False
+        return True
 
     def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         if tick >= 0 and message.get_type() == "GLOBAL_POSITION_INT":
-            stepper = self._steppers[row]
-            self._skew.seen(row, message.time_boot_ms * NS_PER_MS - stepper.steps * stepper.step_ns)
+            self._skew.seen(row, message.time_boot_ms * NS_PER_MS - int(self._steps[row] * self._step_ns[row]))

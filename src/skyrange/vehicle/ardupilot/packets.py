@@ -1,13 +1,11 @@
-"""What does ArduPilot's JSON physics backend read, and what do its pulse widths mean?
+"""What do ArduPilot's JSON physics backend's numbers mean, those that go in and the pulse widths that come out?
 
-libraries/SITL/SIM_JSON.cpp: the parser looks for keys as text, wants no blank between a key's colon and a bracket, and
-takes 1 for true. Local is north-east-down from home, the body forward-right-down.
+libraries/SITL/SIM_JSON.cpp. Local is north-east-down from home, the body forward-right-down.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -20,10 +18,6 @@ from skyrange.world.airframes import MOTORS
 PWM_MIN: Final = 1000.0
 PWM_RANGE: Final = 1000.0
 """MOT_PWM_MIN, and from there to MOT_PWM_MAX, as ArduCopter has them."""
-_LINE: Final = (
-    b'\n{"timestamp":%.12f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
-    b'"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
-)
 _ROOT: Final = math.sqrt(0.5)
 _GYRO, _FORCE, _DOWN, _ATTITUDE, _RANGE, _WIDTH = 0, 3, 6, 7, 11, 12
 """Where what begins in a row of `Motion`, and how long it is."""
@@ -133,15 +127,20 @@ class MeanForce:
         self._sum += force_mps2
         self._ticks += 1.0
 
-    def put(self, motion: Motion, due: Sequence[int]) -> None:
-        """Put the means in place of the last tick's; those that are `due` begin anew."""
-        motion.accel_mps2[:] = self._sum / self._ticks * (1.0, -1.0, -1.0)
-        self._sum[due], self._ticks[due] = 0.0, 0.0
+    def put(self, motion: Motion, due: NDArray[np.int64]) -> None:
+        """Put the means in place of the last tick's; the rows that are `due` begin anew."""
+        _mean(self._sum, self._ticks, due, motion.rows)
 
 
-def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
-    """The line for each aircraft; `times_s` is the time on each one's own clock."""
-    return [_LINE % (time_s, *row) for time_s, row in zip(times_s, motion.rows.tolist(), strict=True)]
+@kernel
+def _mean(total: Floats, ticks: Floats, due: NDArray[np.int64], rows: Floats) -> None:
+    for i in range(len(rows)):
+        # forward-left-up to forward-right-down
+        rows[i, 3] = total[i, 0] / ticks[i, 0]
+        rows[i, 4] = -(total[i, 1] / ticks[i, 0])
+        rows[i, 5] = -(total[i, 2] / ticks[i, 0])
+    for i in due:
+        total[i, 0] = total[i, 1] = total[i, 2] = ticks[i, 0] = 0.0
 
 
 def stamp_s(step: int, step_ns: int) -> float:
@@ -149,15 +148,21 @@ def stamp_s(step: int, step_ns: int) -> float:
     return step * step_ns * 1e-9 * (1.0 + 1e-7)
 
 
-def commands_of(answers: Sequence[bytes]) -> Floats:
-    """(n, motors) commands 0…1 of what processes answer, motors in ArduCopter's order; 0 µs is no pulse."""
-    widths = np.frombuffer(b"".join([answer[: 2 * MOTORS] for answer in answers]), dtype="<u2")
+def stamps_s(steps: NDArray[np.int64], step_ns: NDArray[np.int64]) -> Floats:
+    """The same for many."""
+    return np.asarray(steps * step_ns * 1e-9 * (1.0 + 1e-7), dtype=np.float64)
+
+
+def commands_of(answers: NDArray[np.uint8]) -> Floats:
+    """(n, motors) commands 0…1 of what processes answer, (n, bytes); motors in ArduCopter's order, 0 µs is no pulse."""
     commands = np.empty((len(answers), MOTORS))
-    _scale(widths, commands.reshape(-1))
+    _scale(answers, commands)
     return commands
 
 
 @kernel
-def _scale(widths: NDArray[np.uint16], commands: Floats) -> None:
-    for i in range(len(widths)):
-        commands[i] = min(max((widths[i] - PWM_MIN) / PWM_RANGE, 0.0), 1.0)
+def _scale(answers: NDArray[np.uint8], commands: Floats) -> None:
+    for i in range(len(answers)):
+        for m in range(MOTORS):
+            width = np.int64(answers[i, 2 * m]) | np.int64(answers[i, 2 * m + 1]) << 8
+            commands[i, m] = min(max((width - PWM_MIN) / PWM_RANGE, 0.0), 1.0)

@@ -1,0 +1,168 @@
+"""How do the exchanges with many processes cost one call, instead of two for each? libc, called from compiled code.
+
+What is as usual, a servo packet of the peer's under a new count, is taken here. Anything else (nothing for a while, a
+stranger, another peer) is left to `LockstepSitl`, one place that knows what to make of it. Where the system is not
+Linux everything is.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import kernel
+from skyrange.io.sitl import HEAD, SIZES, LockstepSitl
+
+Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+BYTES: Final = 256
+"""Of a datagram that is read, as `LockstepSitl` does; a servo packet has 40 or 72."""
+_MAGICS: Final = np.array([int.from_bytes(magic, "little") for magic in SIZES])
+_SIZES: Final = np.array([*SIZES.values()])
+_ADDRESS: Final = 16
+"""Bytes of Linux' `sockaddr_in`, of which the first eight say something: family, port and address (ip(7))."""
+_PLACE: Final = 8
+_NOTHING, _USUAL, _ODD = 0, 1, 2
+
+_sendto: Any = types.ExternalFunction(
+    "sendto", types.int64(types.int32, types.voidptr, types.uint64, types.int32, types.voidptr, types.uint32)
+)
+_recvfrom: Any = types.ExternalFunction(
+    "recvfrom", types.int64(types.int32, types.voidptr, types.uint64, types.int32, types.voidptr, types.voidptr)
+)
+
+
+class Exchanges:
+    """With processes that have all spoken once; a row is one's place among `sitls`."""
+
+    def __init__(self, sitls: Sequence[LockstepSitl]) -> None:
+        count = len(sitls)
+        self._sitls = sitls
+        self._compiled = sys.platform == "linux"
+        self._sockets = np.array([sitl.fileno for sitl in sitls], dtype=np.int32)
+        self._peers = np.zeros((count, _ADDRESS), dtype=np.uint8)
+        self._counts: Ints = np.zeros(count, dtype=np.int64)
+        self._heard = np.zeros((count, BYTES), dtype=np.uint8)
+        self._sizes: Ints = np.zeros(count, dtype=np.int64)
+        self._senders = np.zeros((count, _ADDRESS), dtype=np.uint8)
+        self._found: Ints = np.zeros(count, dtype=np.int64)
+        self._odd: set[int] = set()
+        """Rows of which something was read that `LockstepSitl` has to judge."""
+        for row in range(count):
+            self._learn(row)
+
+    @property
+    def answers(self) -> Bytes:
+        """(n, bytes) what was last taken of each: pulse widths in µs, little-endian 16 bits each."""
+        return self._heard[:, HEAD:]
+
+    def send(self, rows: Ints, text: Bytes, lengths: Ints) -> None:
+        """Let each of `rows` compute a step, by its row of `text` (n, bytes), so long; it has answered before."""
+        if self._compiled:
+            _send(rows, self._sockets, self._peers, text, lengths)
+            return
+        for row in rows.tolist():
+            self._sitls[row].send(text[row, : lengths[row]].tobytes())
+
+    def take(self, rows: Ints) -> list[int]:
+        """Wait for the next answer of each of `rows`, and take it; returns those where `take_late` has to do so."""
+        if not self._compiled:
+            return [int(row) for row in rows]
+        found = self._found[: len(rows)]
+        _take(rows, self._sockets, self._peers, self._counts, self._heard, self._sizes, self._senders, found)
+        if (found == _USUAL).all():
+            return []
+        self._odd = {int(row) for row in rows[found == _ODD]}
+        return [int(row) for row in rows[found != _USUAL]]
+
+    def take_late(self, row: int, deadline: float) -> bool:
+        """Take the answer of one, as `LockstepSitl.servos`; False where there is none."""
+        sitl = self._sitls[row]
+        sitl.count = int(self._counts[row])
+        first = None
+        if row in self._odd:
+            self._odd.discard(row)
+            host, port = self._senders[row, 4:_PLACE].tobytes(), self._senders[row, 2:4].tobytes()
+            first = (
+                self._heard[row, : self._sizes[row]].tobytes(),
+                (socket.inet_ntoa(host), int.from_bytes(port, "big")),
+            )
+        answer = sitl.servos(deadline, first)
+        self._learn(row)
+        if answer is None:
+            return False
+        self._heard[row, HEAD : HEAD + len(answer)] = np.frombuffer(answer, dtype=np.uint8)
+        return True
+
+    def _learn(self, row: int) -> None:
+        """Take over whom a process is and what it said last."""
+        sitl = self._sitls[row]
+        assert sitl.peer is not None
+        host, port = sitl.peer
+        place = struct.pack("=H", socket.AF_INET) + struct.pack("!H", port) + socket.inet_aton(host)
+        self._peers[row, :_PLACE] = np.frombuffer(place, dtype=np.uint8)
+        self._counts[row] = sitl.count
+
+
+@kernel
+def _send(rows: Ints, sockets: NDArray[np.int32], peers: Bytes, text: Bytes, lengths: Ints) -> None:
+    for row in rows:  # one that has died is told by its answer
+        _sendto(sockets[row], text[row].ctypes, lengths[row], 0, peers[row].ctypes, _ADDRESS)
+
+
+@kernel
+def _take(
+    rows: Ints,
+    sockets: NDArray[np.int32],
+    peers: Bytes,
+    counts: Ints,
+    heard: Bytes,
+    sizes: Ints,
+    senders: Bytes,
+    found: Ints,
+) -> None:
+    room = np.empty(1, dtype=np.uint32)
+    for k in range(len(rows)):
+        row = rows[k]
+        while True:
+            room[0] = _ADDRESS
+            size = _recvfrom(sockets[row], heard[row].ctypes, BYTES, 0, senders[row].ctypes, room.ctypes)
+            if size < 0:  # nothing for a while, or a signal
+                found[k] = _NOTHING
+                break
+            sizes[row] = size
+            if not _is_servos(heard[row], size) or not _is_same(senders[row], peers[row]):
+                found[k] = _ODD
+                break
+            count = np.int64(0)
+            for place in range(4):
+                count |= np.int64(heard[row, 4 + place]) << np.int64(8 * place)
+            if count != counts[row]:  # else it was said again
+                counts[row] = count
+                found[k] = _USUAL
+                break
+
+
+@kernel
+def _is_servos(heard: Bytes, size: int) -> bool:
+    magic = np.int64(heard[0]) | np.int64(heard[1]) << 8
+    for kind in range(len(_MAGICS)):
+        if magic == _MAGICS[kind]:
+            return bool(size == _SIZES[kind])
+    return False
+
+
+@kernel
+def _is_same(sender: Bytes, peer: Bytes) -> bool:
+    same = True
+    for place in range(_PLACE):
+        same = same and sender[place] == peer[place]
+    return same

@@ -1,0 +1,199 @@
+"""How is a motion written as the line of JSON that ArduPilot reads? As Python's `%` would, for all at once.
+
+libraries/SITL/SIM_JSON.cpp: the parser looks for keys as text, wants no blank between a key's colon and a bracket, and
+takes 1 for true. Local is north-east-down from home, the body forward-right-down.
+
+A tenth of a lone aircraft's tick went into `%`. The kernel writes the same bytes: it scales a number to as many whole
+digits as are wanted, by one product or two, and leaves to `%` the few whose last digit that error could change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.contracts import Floats
+from skyrange.core.compiled import kernel
+from skyrange.vehicle.ardupilot.packets import Motion
+
+Bytes = NDArray[np.uint8]
+
+_LINE: Final = (
+    b'\n{"timestamp":%.12f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
+    b'"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
+)
+_LENGTH: Final = 512
+"""No line is longer: 13 numbers of at most 25 characters, 124 between them."""
+_LIKE_C: Final = (b"%.12f", b"%.9g", b"%.6g")
+
+
+def _between() -> list[bytes]:
+    """What stands before, between and after the numbers."""
+    text = _LINE
+    for conversion in _LIKE_C:
+        text = text.replace(conversion, b"\0")
+    return text.split(b"\0")
+
+
+_TEXT: Final = np.frombuffer(b"".join(_between()), dtype=np.uint8).copy()
+_ENDS: Final = np.cumsum([len(part) for part in _between()])
+_POWERS: Final = np.array([float(f"1e{k}") for k in range(23)])
+"""Of ten, all that a double holds exactly."""
+_LEAST, _MOST = 1e-30, 1e15
+_0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
+
+
+class Writer:
+    """Writes the lines of some aircraft."""
+
+    def __init__(self, count: int) -> None:
+        self.text = np.zeros((count, _LENGTH), dtype=np.uint8)
+        """The line for each, as it was last written."""
+        self.lengths: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+
+    def write(self, times_s: Floats, motion: Motion) -> None:
+        """Write a line for each; `times_s` (n,) is the time on each one's own clock."""
+        _write(times_s, motion.rows, self.text, self.lengths)
+        if not self.lengths.all():
+            for row in np.flatnonzero(self.lengths == 0):
+                line = _LINE % (times_s[row], *motion.rows[row].tolist())
+                self.text[row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
+                self.lengths[row] = len(line)
+
+
+def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
+    """The line for each aircraft; `times_s` is the time on each one's own clock."""
+    writer = Writer(len(times_s))
+    writer.write(np.array(times_s), motion)
+    return [row[:length].tobytes() for row, length in zip(writer.text, writer.lengths.tolist(), strict=True)]
+
+
+@kernel
+def _write(times_s: Floats, rows: Floats, text: Bytes, lengths: NDArray[np.int64]) -> None:
+    """Lengths are 0 where a number is none for this kernel."""
+    for i in range(len(rows)):
+        line = text[i]
+        at = _copy(0, line, 0)
+        at = _fixed12(times_s[i], line, at)
+        for k in range(12):
+            if at > 0:
+                at = _copy(k + 1, line, at)
+                at = _general(rows[i, k], 9 if k < 11 else 6, line, at)
+        lengths[i] = _copy(13, line, at) if at > 0 else 0
+
+
+@kernel
+def _copy(part: int, line: Bytes, at: int) -> int:
+    """Copy a part of the text to `at`; where it ends."""
+    begin = _ENDS[part - 1] if part > 0 else 0
+    for k in range(begin, _ENDS[part]):
+        line[at] = _TEXT[k]
+        at += 1
+    return at
+
+
+@kernel
+def _rounded(scaled: float, doubt: float) -> int:
+    """To a whole number; -1 where it is nearer to a half than `doubt`."""
+    whole = math.floor(scaled)
+    rest = scaled - whole
+    if abs(rest - 0.5) < doubt:
+        return -1
+    return whole + (1 if rest > 0.5 else 0)
+
+
+@kernel
+def _digits(number: int, count: int, line: Bytes, at: int) -> None:
+    """Write so many digits."""
+    for k in range(count - 1, -1, -1):
+        line[at + k] = _0 + number % 10
+        number //= 10
+
+
+@kernel
+def _fixed12(value: float, line: Bytes, at: int) -> int:
+    """As %.12f; where it ends, or 0."""
+    if not 0.0 <= value < 1e9:
+        return 0
+    whole = math.floor(value)
+    part = _rounded((value - whole) * 1e12, 1e-3)  # the difference is exact, the product to 1.2e-4
+    if part < 0:
+        return 0
+    if part == 1_000_000_000_000:
+        whole, part = whole + 1, 0
+    count = 1
+    while count < 10 and whole >= _POWERS[count]:
+        count += 1
+    _digits(whole, count, line, at)
+    line[at + count] = _POINT
+    _digits(part, 12, line, at + count + 1)
+    return at + count + 13
+
+
+@kernel
+def _general(value: float, digits: int, line: Bytes, at: int) -> int:
+    """As %.9g, or with other `digits` (at most 9); where it ends, or 0."""
+    if math.copysign(1.0, value) < 0.0:
+        line[at] = _MINUS
+        at += 1
+    size = abs(value)
+    if size == 0.0:
+        line[at] = _0
+        return at + 1
+    if not _LEAST < size < _MOST:
+        return 0
+    exponent = math.floor(math.log10(size))
+    number = _scaled(size, digits - 1 - exponent)
+    least, most = int(_POWERS[digits - 1]), int(_POWERS[digits])
+    if 0 <= number < least:  # the logarithm was rounded up
+        exponent -= 1
+        number = _scaled(size, digits - 1 - exponent)
+    if number < 0 or number > most:
+        return 0
+    if number == most:
+        number, exponent = least, exponent + 1
+    wanted = digits
+    while digits > 1 and number % 10 == 0:
+        number //= 10
+        digits -= 1
+    if not -4 <= exponent < wanted:  # as C has it
+        at = _pointed(number, digits, 1, line, at)
+        line[at], line[at + 1] = _E, _MINUS if exponent < 0 else _PLUS
+        _digits(abs(exponent), 2, line, at + 2)
+        return at + 4
+    if exponent < 0:
+        line[at], line[at + 1] = _0, _POINT
+        _digits(number, digits - 1 - exponent, line, at + 2)
+        return at + 1 + digits - exponent
+    while digits <= exponent:
+        number *= 10
+        digits += 1
+    return _pointed(number, digits, exponent + 1, line, at)
+
+
+@kernel
+def _pointed(number: int, digits: int, before: int, line: Bytes, at: int) -> int:
+    """Write digits, so many of them before the point; where it ends."""
+    if digits == before:
+        _digits(number, digits, line, at)
+        return at + digits
+    after = digits - before
+    power = int(_POWERS[after])
+    _digits(number // power, before, line, at)
+    line[at + before] = _POINT
+    _digits(number % power, after, line, at + before + 1)
+    return at + digits + 1
+
+
+@kernel
+def _scaled(size: float, shift: int) -> int:
+    """Times a power of ten, rounded; -1 where rounding is in doubt. Below 1e9 two products err by less than 3e-7."""
+    if shift < 0:
+        return _rounded(size / _POWERS[-shift], 1e-6)
+    if shift <= 22:
+        return _rounded(size * _POWERS[shift], 1e-6)
+    return _rounded(size * _POWERS[22] * _POWERS[shift - 22], 1e-6)

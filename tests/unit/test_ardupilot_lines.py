@@ -1,0 +1,61 @@
+"""The lines for ArduPilot are those that `%` writes, byte by byte."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyrange.vehicle.ardupilot.lines import _LINE, _write, lines
+from skyrange.vehicle.ardupilot.packets import STANDING, Motion
+
+numbers = st.floats() | st.sampled_from((0.0, -0.0, 1.0, 0.5, 9.999999995, 999999999.5, 1e-4, 9.99999999e-5, 1e9, 1e-5))
+small = st.integers(-40, 20).flatmap(lambda e: st.floats(-10.0, 10.0).map(lambda f: f * 10.0**e))
+
+
+def plain(time_s: float, row: list[float]) -> bytes:
+    return _LINE % (time_s, *row)
+
+
+@settings(deadline=None)  # the first compiles
+@given(st.floats(0.0, 1e6), st.lists(numbers | small, min_size=12, max_size=12))
+def test_a_line_is_what_percent_writes(time_s: float, row: list[float]) -> None:
+    assert lines([time_s], Motion(np.array([row]))) == [plain(time_s, row)]
+
+
+def test_thousands_of_lines_are_what_percent_writes_and_nearly_all_are_the_kernels() -> None:
+    random = np.random.default_rng(1)
+    count = 20_000
+    rows = random.normal(size=(count, 12)) * 10.0 ** random.integers(-14, 8, size=(count, 12))
+    rows[::7] = np.round(rows[::7], 3)  # short ones, and ties
+    times_s = np.arange(1, count + 1) * 0.005 * (1.0 + 1e-7)
+    written = lines(times_s.tolist(), Motion(rows))
+    assert written == [plain(*pair) for pair in zip(times_s.tolist(), rows.tolist(), strict=True)]
+    text, lengths = np.zeros((count, 512), dtype=np.uint8), np.zeros(count, dtype=np.int64)
+    _write(times_s, rows, text, lengths)
+    assert 0.95 * count < np.count_nonzero(lengths) <= count
+    assert lengths.max() < 400
+
+
+def test_powers_of_ten_and_their_neighbours() -> None:
+    for exponent in range(-28, 15):
+        for start in (
+            10.0**exponent,
+            float(f"1e{exponent}"),
+            10.0**exponent * (1 - 5e-10),
+            10.0**exponent * (1 - 3e-7),
+        ):
+            for value in (start, math.nextafter(start, 0.0), math.nextafter(start, math.inf), -start):
+                row = [value] * 12
+                assert lines([1.5], Motion(np.array([row]))) == [plain(1.5, row)], value
+
+
+def test_what_is_no_number_is_written_as_ever() -> None:
+    rows = np.repeat(STANDING.rows, 3, axis=0)
+    rows[1, 3] = math.nan
+    first, second, third = lines([0.0025, 0.0025, 1.0], Motion(rows))
+    assert first == plain(0.0025, STANDING.rows[0].tolist())
+    assert b"[nan,0," in second
+    assert third == plain(1.0, STANDING.rows[0].tolist())

@@ -1,0 +1,127 @@
+"""What do exchanges make of answers that are usual, said again, a stranger's, a new one's, or not there?"""
+
+from __future__ import annotations
+
+import socket
+import struct
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyrange.io import exchanges
+from skyrange.io.exchanges import Exchanges
+from skyrange.io.sitl import HEAD, LOOPBACK, LockstepSitl, wall_s
+
+
+class Process(LockstepSitl):
+    """Our end of a process that there is not: the test speaks for it by `line`."""
+
+    def __init__(self) -> None:
+        self.strangers = self.restarts = 0
+        self.count, self.peer = -1, None
+        self.program: Any = SimpleNamespace(running=True)
+        self._physics = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._physics.bind((LOOPBACK, 0))
+        self._physics.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, 50_000))
+        self.line = self.another()
+        self.says(0)
+        assert self.servos(wall_s() + 1.0) is not None
+
+    def another(self) -> socket.socket:
+        """A socket that speaks to us."""
+        made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        made.bind((LOOPBACK, 0))
+        made.connect(self._physics.getsockname())
+        made.settimeout(1.0)
+        return made
+
+    def says(self, count: int, first: int = 1000, line: socket.socket | None = None) -> None:
+        (line or self.line).send(packet(count, first))
+
+
+def packet(count: int, first: int, magic: int = 18458) -> bytes:
+    widths = [first, *range(1001, 1016)] if magic == 18458 else [first, *range(1001, 1032)]
+    return struct.pack(f"<HHI{len(widths)}H", magic, 400, count, *widths)
+
+
+@pytest.fixture(params=["compiled", "plain"])
+def fleet(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[list[Process], Exchanges]:
+    if request.param == "plain":
+        monkeypatch.setattr(exchanges.sys, "platform", "plan9")
+    processes = [Process() for _ in range(3)]
+    return processes, Exchanges(processes)
+
+
+def taken(held: Exchanges, rows: list[int], within_s: float = 0.2) -> list[int]:
+    """The first width of each, -1 where no answer was taken."""
+    late = held.take(np.array(rows))
+    lost = [row for row in late if not held.take_late(row, wall_s() + within_s)]
+    widths = held.answers[:, :2].copy().view("<u2").ravel().tolist()
+    return [-1 if row in lost else widths[row] for row in rows]
+
+
+def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process], Exchanges]) -> None:
+    processes, held = fleet
+    text = np.zeros((3, 64), dtype=np.uint8)
+    for row, line in enumerate((b"first", b"of no matter", b"third")):
+        text[row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
+    held.send(np.array([0, 2]), text, np.array([5, 12, 5]))
+    assert [processes[row].line.recv(100) for row in (0, 2)] == [b"first", b"third"]
+    processes[1].line.settimeout(0.05)
+    with pytest.raises(TimeoutError):
+        processes[1].line.recv(100)
+    for row, process in enumerate(processes):
+        process.says(1, 1100 + row)
+        process.line.send(packet(2, 1200 + row, 29569))  # of 32 channels
+    assert taken(held, [0, 1, 2]) == [1100, 1101, 1102]
+    assert taken(held, [2, 0]) == [1202, 1200]
+    assert held.answers[0, 2 * 31 : 2 * 32].tobytes() == (1031).to_bytes(2, "little")
+    assert held.answers.shape[1] == exchanges.BYTES - HEAD
+
+
+def test_what_was_said_again_is_passed_over_and_strangers_are_counted(fleet: tuple[list[Process], Exchanges]) -> None:
+    processes, held = fleet
+    one = processes[1]
+    one.says(1, 1500)
+    assert taken(held, [1]) == [1500]
+    one.says(1, 1600)  # said again
+    for junk in (b"", b"x", packet(2, 1600)[:-1], packet(2, 1600, 4242), bytes(250), bytes(2000)):
+        one.line.send(junk)
+    stranger = one.another()
+    one.says(2, 1700, stranger)
+    one.says(2, 1800)
+    assert taken(held, [1]) == [1800]
+    assert (one.strangers, one.restarts) == (7, 0)
+    one.says(3, 1900)
+    assert taken(held, [1]) == [1900]
+
+
+def test_one_that_began_anew_is_followed(fleet: tuple[list[Process], Exchanges]) -> None:
+    processes, held = fleet
+    one = processes[2]
+    one.says(1, 1100)
+    assert taken(held, [2]) == [1100]
+    old, one.line = one.line, one.another()
+    one.says(0, 1200)
+    assert taken(held, [2]) == [1200]
+    assert one.restarts == 1
+    one.says(2, 1300, old)
+    one.says(1, 1400)
+    assert taken(held, [2]) == [1400]
+    assert one.strangers == 1
+    held.send(np.array([2]), np.full((3, 4), 65, dtype=np.uint8), np.array([4, 4, 4]))
+    assert one.line.recv(10) == b"AAAA"
+
+
+def test_one_that_is_slow_is_waited_for_and_one_that_is_gone_is_not(fleet: tuple[list[Process], Exchanges]) -> None:
+    processes, held = fleet
+    processes[0].says(1, 1100)
+    processes[2].says(1, 1300)
+    processes[1].program.running = False
+    began = wall_s()
+    assert taken(held, [0, 1, 2], within_s=5.0) == [1100, -1, 1300]
+    assert wall_s() - began < 1.0
+    processes[1].program.running = True
+    assert taken(held, [1]) == [-1]  # not by the deadline
