@@ -16,7 +16,7 @@ import zmq
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.record.run import RunRecord
-from skyrange.runtime.live.node import Orders
+from skyrange.runtime.live.orders import Orders
 from tests.integration.live_faults import Harmed
 from tests.integration.test_live_range import nodes
 

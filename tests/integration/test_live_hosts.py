@@ -1,34 +1,36 @@
 """A live range over machines and networks: joined hosts with clocks of their own, keys, and namespaces that go again.
 
-Machines are network namespaces with a time namespace each: nothing is between them but the network, and their clocks
-show different times. Needs root, `ip` and `unshare` on Linux.
+Each machine is a network with a clock (see `live_machines`), nothing between them but the network.
 """
 
 from __future__ import annotations
 
-import json
-import os
 import shutil
 import signal
-import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from skyrange.record import load
-from tests.integration.live_programs import until
+from tests.integration.live_machines import (
+    ADDRESSES,
+    AHEAD_S,
+    begin,
+    ip,
+    manifest,
+    namespaces,
+    needs_machines,
+    network,
+    node,
+    range_keys,
+    switched,
+)
+from tests.integration.live_programs import skyrange, until
 
-MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
-SKYRANGE = [sys.executable, "-c", MAIN]
-NET = f"sr{os.getpid() % 100_000}"
-BASE, OTHER = "10.199.0.1", "10.199.0.2"
-AHEAD_S = 5000
-"""What the other machine's clock shows more."""
+BASE, OTHER, _ = ADDRESSES
 SCENARIO = """
 name = "hosts"
 seed = 4
@@ -46,71 +48,31 @@ world = "{BASE}"
 """
 
 
-def _can() -> bool:
-    if not sys.platform.startswith("linux") or os.geteuid() != 0 or not shutil.which("ip"):
-        return False
-    tried = ["unshare", "--net", "--time", "--monotonic", "1", "true"]
-    return shutil.which("unshare") is not None and subprocess.run(tried, capture_output=True).returncode == 0
+pytestmark = [pytest.mark.integration, needs_machines]
 
-
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(not _can(), reason="needs root, `ip` and `unshare` with time namespaces"),
-]
-
-
-def ip(command: str) -> None:
-    subprocess.run(["ip", *command.split()], check=True, capture_output=True)
+Machines = list[list[str]]
 
 
 @pytest.fixture
-def machines() -> Iterator[tuple[list[str], list[str]]]:
-    """Two machines on one cable: what to put before a command so that it runs on the one or the other."""
-    a, b = f"{NET}a", f"{NET}b"
-    try:
-        for name in (a, b):
-            ip(f"netns add {name}")
-            ip(f"-n {name} link set lo up")
-        ip(f"link add eth0 netns {a} type veth peer name eth0 netns {b}")
-        for name, address in ((a, BASE), (b, OTHER)):
-            ip(f"-n {name} addr add {address}/24 dev eth0")
-            ip(f"-n {name} link set eth0 up")
-        clock = ["unshare", "--time", "--monotonic", str(AHEAD_S)]
-        yield ["ip", "netns", "exec", a], ["ip", "netns", "exec", b, *clock]
-    finally:
-        for name in (a, b):
-            subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
+def machines() -> Iterator[Machines]:
+    """Two: what to put before a command so that it runs on the one or the other."""
+    with switched(2) as made:
+        yield made
 
 
 @pytest.fixture
 def keys(tmp_path: Path) -> Path:
-    folder = tmp_path / "keys"
-    subprocess.run([*SKYRANGE, "keys", str(folder), "lab2"], check=True, capture_output=True)
-    return folder
-
-
-def begin(command: list[str], log: Path) -> subprocess.Popen[bytes]:
-    with log.open("wb") as output:
-        return subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
+    return range_keys(tmp_path, "lab2")
 
 
 def live(folder: Path, keys: Path | None, seconds: float, hosts: str = HOSTS) -> list[str]:
     path = folder / "hosts.toml"
     path.write_text(SCENARIO.format(seconds=seconds, hosts=hosts))
-    joined = ["--keys", str(keys)] if keys is not None else []
-    return [*SKYRANGE, "live", str(path), "--out", str(folder / "run"), *joined]
+    joined = ["--keys", keys] if keys is not None else []
+    return skyrange("live", path, "--out", folder / "run", *joined)
 
 
-def node(key: Path, *options: str) -> list[str]:
-    return [*SKYRANGE, "node", "--join", BASE, "--key", str(key), *options]
-
-
-def manifest(folder: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((folder / "run" / "manifest.json").read_text())
-    return found
-
-
-def test_a_scenario_flies_over_two_machines(tmp_path: Path, machines: Any, keys: Path) -> None:
+def test_a_scenario_flies_over_two_machines(tmp_path: Path, machines: Machines, keys: Path) -> None:
     here, there = machines
     joined = begin([*there, *node(keys / "lab2.key_secret")], tmp_path / "node.log")
     started = begin([*here, *live(tmp_path, keys, 36)], tmp_path / "live.log")
@@ -121,7 +83,7 @@ def test_a_scenario_flies_over_two_machines(tmp_path: Path, machines: Any, keys:
     assert said["live"]["links"]["gcs:blue/b1"] == f"udp://{OTHER}:14555"
     assert said["live"]["links"]["approval:blue"] == f"http://{BASE}:18080"
     clock = said["live"]["clocks"][OTHER]
-    assert abs(clock["offset_s"] - AHEAD_S) <= clock["uncertainty_s"] < 0.1
+    assert abs(clock["offset_s"] - AHEAD_S[1]) <= clock["uncertainty_s"] < 0.1
     assert clock["jumps"] == []
     assert abs(clock["drift_ppm"]) < max(100.0, 5 * clock["drift_uncertainty_ppm"])
     assert said["crossings"]["outside"] == 0
@@ -134,10 +96,10 @@ def test_a_scenario_flies_over_two_machines(tmp_path: Path, machines: Any, keys:
     assert not (tmp_path / "run" / ".parts").exists()
 
 
-def test_keys_that_do_not_match_are_named_within_seconds(tmp_path: Path, machines: Any, keys: Path) -> None:
+def test_keys_that_do_not_match_are_named_within_seconds(tmp_path: Path, machines: Machines, keys: Path) -> None:
     here, there = machines
     strange = tmp_path / "strange"
-    subprocess.run([*SKYRANGE, "keys", str(strange), "lab9"], check=True, capture_output=True)
+    subprocess.run(skyrange("keys", strange, "lab9"), check=True, capture_output=True)
     # one that the range does not know, but which knows the range
     known = (keys / "lab2.key_secret").read_text().split("range-key")[1].splitlines()[0]
     file = strange / "lab9.key_secret"
@@ -162,20 +124,20 @@ def test_keys_that_do_not_match_are_named_within_seconds(tmp_path: Path, machine
 
 
 def test_where_no_range_answers_is_said(keys: Path) -> None:
-    command = [*SKYRANGE, "node", "--join", "127.0.0.1:9", "--key", str(keys / "lab2.key_secret"), "--wait", "2"]
+    command = skyrange("node", "--join", "127.0.0.1:9", "--key", keys / "lab2.key_secret", "--wait", "2")
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 3
     assert "no range answers at 127.0.0.1:9 within 2 s" in done.stderr
 
 
-def test_a_machine_that_is_lost_is_named_and_the_record_kept(tmp_path: Path, machines: Any, keys: Path) -> None:
+def test_a_machine_that_is_lost_is_named_and_the_record_kept(tmp_path: Path, machines: Machines, keys: Path) -> None:
     here, there = machines
     joined = begin([*there, *node(keys / "lab2.key_secret")], tmp_path / "node.log")
     started = begin([*here, *live(tmp_path, keys, 120)], tmp_path / "live.log")
     try:
         until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies")
         time.sleep(3.0)
-        ip(f"-n {NET}b link set eth0 down")
+        ip(f"-n {network(1)} link set eth0 down")
         began = time.monotonic()
         assert started.wait(60) == 3
         assert time.monotonic() - began < 45.0
@@ -191,12 +153,6 @@ def test_a_machine_that_is_lost_is_named_and_the_record_kept(tmp_path: Path, mac
     said = manifest(tmp_path)
     assert said["status"] == "failed"
     assert said["counts"]["frames"] > 0
-
-
-def namespaces() -> list[str]:
-    return [one for one in os.listdir("/run/netns") if one.startswith("sky")] + [
-        name for _, name in socket.if_nameindex() if name.startswith("sky")
-    ]
 
 
 def test_packet_tools_work_in_namespaces_and_nothing_of_them_stays(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def nodes(folder: Path) -> dict[str, int]:
                 command = (entry / "cmdline").read_bytes().decode().split("\0")
             except OSError:
                 continue
-            if "skyrange.runtime.live.node" in command and str(folder) in command[-2]:
+            if "skyrange.runtime.live.process" in command and str(folder) in command[-2]:
                 found[Path(command[-2]).parent.stem] = int(entry.name)
     return found
 
@@ -243,6 +243,7 @@ def test_nothing_of_it_outlives_it(tmp_path: Path, how: signal.Signals) -> None:
         part = tmp_path / "run" / ".parts" / "world"
         spool = part / ".spool" / "truth-0000.arrows"  # it is there a moment before its first rows
         until(lambda: spool.exists() and load(part).rows("truth") > 0, 120.0, "flight")
+        until(lambda: all(load(part.with_name(one)).rows("frames") for one in ("blue.gcs", "world")), 20.0, "frames")
         process.send_signal(how)
         process.communicate(timeout=60.0)
         until(lambda: not nodes(tmp_path), 20.0, "no node left")
@@ -255,4 +256,22 @@ def test_nothing_of_it_outlives_it(tmp_path: Path, how: signal.Signals) -> None:
         assert record.rows("truth") > 0
         assert not (tmp_path / "run" / ".parts").exists()
     else:
-        assert load(tmp_path / "run" / ".parts" / "world").rows("truth") > 0
+        parts = {path.parent.name: load(path.parent) for path in part.parent.glob("*/manifest.json")}
+        assert parts["world"].rows("truth") > 0
+        merged = [sys.executable, "-c", MAIN, "merge", str(tmp_path / "run"), "--json"]
+        os.utime(spool)
+        early = subprocess.run(merged, capture_output=True, text=True, check=False)
+        assert (early.returncode, "still written to" in early.stderr) == (2, True), early.stderr
+        # nobody writes any more, but that is known only some seconds later
+        until(lambda: subprocess.run(merged, capture_output=True, check=False).returncode == 0, 20.0, "a whole record")
+        whole = load(tmp_path / "run-merged")
+        assert whole.manifest["status"] == "failed"
+        assert whole.rows("truth") == parts["world"].rows("truth")
+        assert whole.rows("frames") > max(one.rows("frames") for one in parts.values())
+        assert whole.manifest["crossings"]["matched"] > 0
+        assert {one["name"] for one in whole.manifest["nodes"]} > {"world", "blue.gcs", "blue/b1.proxy"}
+        assert (whole.path / "scenario.toml").read_bytes() == (tmp_path / "run" / "scenario.toml").read_bytes()
+        assert (whole.path / "report.html").exists()
+        here = [*merged[:-2], "."]
+        again = subprocess.run(here, capture_output=True, text=True, check=False, cwd=tmp_path / "run")
+        assert (again.returncode, "run-merged" in again.stderr) == (2, True)

@@ -135,3 +135,24 @@ def test_a_trigger_needs_a_world_and_vehicles_of_it() -> None:
 def test_a_trigger_that_raises_is_blamed() -> None:
     with pytest.raises(ComponentError, match="trigger of attack liar"):
         flown(trigger=Near(["blue/b1"], 1.0, (0.0, 0.0, 0.0)))  # the toy world knows no east
+
+
+def test_a_trigger_that_held_elsewhere_is_told_and_begins_it_once() -> None:
+    schedule = Schedule()
+    attack = AttackPlan("liar", start_ns=NEVER, stop_ns=90 * MS, lasts_ns=30 * MS, schedule=schedule)
+    kernel = Kernel(Wiring(1, [LinkSpec("gcs:blue/b1", "blue.gcs", "blue/b1.companion")], attacks=[attack]), [])
+    kernel.advance(40 * MS)
+    assert schedule.start_ns == NEVER
+    kernel.begin("liar", 35 * MS)
+    kernel.begin("liar", 60 * MS)
+    assert (schedule.start_ns, schedule.stop_ns) == (35 * MS, 65 * MS)
+    assert kernel.triggered == {}  # it is not this one that saw it
+    with pytest.raises(KeyError):
+        kernel.begin("nobody", 70 * MS)
+
+
+def test_what_a_trigger_began_is_known() -> None:
+    assert flown(start_ns=0)[2].triggered == {}
+    kernel = flown(start_ns=0, trigger=Above(["blue/b1"], 0.0))[2]
+    assert list(kernel.triggered) == ["liar"]
+    assert flown(start_ns=0, trigger=Above(["blue/b1"], 1e9))[2].triggered == {}

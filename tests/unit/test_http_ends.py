@@ -479,7 +479,7 @@ def test_a_port_in_use_and_an_address_beyond_loopback_are_named() -> None:
         with pytest.raises(OSError, match=f"{LOOPBACK}:{server.address[1]}.*in use"):
             await HttpServerEnd.open(lambda _: None, server.address)
         server.close()
-        with pytest.raises(InputError, match=r"0\.0\.0\.0:80.*token or TLS"):
+        with pytest.raises(InputError, match=r"0\.0\.0\.0:80.*Give it a token"):
             await HttpServerEnd.open(lambda _: None, ("0.0.0.0", 80))
         with pytest.raises(InputError, match=r"192\.0\.2\.1:80"):
             await HttpClientEnd.open(lambda _: None, ("192.0.2.1", 80))

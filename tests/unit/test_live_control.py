@@ -18,7 +18,7 @@ from skyrange.runtime.live.addresses import crossings
 from skyrange.runtime.live.clock import JUMP_NS, Echo, Offset, best
 from skyrange.runtime.live.control import CHUNK_BYTES, MOST_BYTES, Desk, Phone, packed, unpacked
 from skyrange.runtime.live.files import chunks, inside, listed, read_chunk, write_chunk
-from skyrange.runtime.live.node import Orders
+from skyrange.runtime.live.orders import Orders
 from skyrange.runtime.live.passes import issue
 from skyrange.runtime.live.plan import plan
 from skyrange.scenario.catalogue import load

@@ -13,8 +13,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.core.errors import ComponentError
 from skyrange.record import Recorder, load
+from skyrange.runtime.live import process
 from skyrange.runtime.live.addresses import Crossing, crossings
-from skyrange.runtime.live.node import Node, Orders
+from skyrange.runtime.live.control import Message
+from skyrange.runtime.live.node import Node
+from skyrange.runtime.live.orders import Orders
 from skyrange.runtime.live.passes import issue
 from skyrange.runtime.live.plan import plan
 from skyrange.scenario.load import build
@@ -77,6 +80,44 @@ def test_what_comes_before_the_start_is_counted_and_dropped(tmp_path: Path) -> N
     frames = load(tmp_path / "run").table("frames").to_pylist()
     (heard,) = [row for row in frames if row["link"] == "gcs:blue/b1" and row["direction"] == "rev"]
     assert 0 <= heard["arrived_ns"] <= node.status["now_ns"]
+
+
+class Told:
+    """A phone on which a supervisor says what stands here, and then nothing more."""
+
+    def __init__(self, *_: object) -> None:
+        zero_ns = time.monotonic_ns()
+        self.says = [
+            {"kind": "warm_up", "rehearse": False},
+            {"kind": "connect"},
+            {"kind": "start", "zero_ns": zero_ns},
+            {"kind": "attack", "id": "nobody", "start_ns": 0},
+        ]
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    async def tell(self, kind: str, blob: bytes = b"", /, **data: object) -> None: ...
+
+    async def hear(self) -> tuple[Message, bytes]:
+        if not self.says:
+            await asyncio.get_running_loop().create_future()
+        return self.says.pop(0), b""
+
+
+def test_one_that_can_no_longer_obey_ends_and_keeps_its_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "Phone", Told)
+    monkeypatch.setattr(process, "warm_up", lambda _, rehearse: None)
+    for name, data in wire(build(SCENARIO, "test")).attachments.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(data)
+    (tmp_path / "part.program").mkdir()
+    passes = issue(zmq.curve_keypair()[0])
+    orders = Orders("blue.gcs", ("blue.gcs",), "part", "127.0.0.1", ("127.0.0.1", 1), (), passes)
+    with pytest.raises(KeyError, match="nobody"):
+        asyncio.run(asyncio.wait_for(process.serve(orders, tmp_path), 10.0))
+    assert load(tmp_path / "part").manifest["status"] == "failed"
 
 
 def test_an_address_in_use_is_named(tmp_path: Path) -> None:

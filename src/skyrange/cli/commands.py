@@ -398,7 +398,14 @@ def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, remote_id: b
 
 
 def bench_ardupilot(
-    vehicles: Sequence[int], seconds: float, load: str, rates: str, physics: str, speedup: float, as_json: bool
+    vehicles: Sequence[int],
+    seconds: float,
+    load: str,
+    rates: str,
+    physics: str,
+    speedup: float,
+    remote_id: bool,
+    as_json: bool,
 ) -> None:
     """`skyrange bench ardupilot`."""
     from skyrange.bench.ardupilot import measure
@@ -408,7 +415,7 @@ def bench_ardupilot(
         heads = f"{'aircraft':>8} {'loop Hz':>7} {'× real time':>11} {'ArduPilots cpu s':>16} {'ours cpu s':>10}"
         print(f"{heads} {'bare cpu s':>10} {'ours/bare':>9} {'per core':>8}")
     for count in vehicles:
-        row = measure(count, seconds, load, rates, physics, speedup)
+        row = measure(count, seconds, load, rates, physics, speedup, remote_id)
         rows.append(row)
         if not as_json:
             print(

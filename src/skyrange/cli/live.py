@@ -117,6 +117,25 @@ def keys(folder: Path, names: Sequence[str]) -> None:
         print(f"{path}  {goes}")
 
 
+def merge(folder: Path, out: Path | None, as_json: bool) -> None:
+    """`skyrange merge`."""
+    from skyrange.record import load as load_run
+    from skyrange.record.rejoin import rejoin
+    from skyrange.study.report import write_report
+    from skyrange.study.summary import summary
+
+    folder = folder.resolve()  # "." has a name too
+    into = out if out is not None else folder.with_name(f"{folder.name}-merged")
+    rejoin(folder, into)
+    record = load_run(into)
+    write_report(record, into / "report.html")
+    facts = summary(record)
+    if as_json:
+        print_json(facts)
+    else:
+        print_summary(facts)
+
+
 @contextmanager
 def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
     """On a terminal the table, elsewhere a line when all fly and every ten seconds."""

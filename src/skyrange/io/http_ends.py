@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import ssl
 from dataclasses import dataclass
 
 import aiohttp
@@ -35,7 +34,7 @@ MOST_OPEN = 256
 """Requests that wait for their answers at one end."""
 METHODS = ("PUT", "POST")
 """A POST stands for a PUT of the same path: many clients know it better (`curl --json`)."""
-_REMEDY = "Give it a token or TLS."
+_REMEDY = "Give it a token."
 
 
 @dataclass(slots=True)
@@ -91,19 +90,18 @@ class HttpServerEnd:
         local: Address = (LOOPBACK, 0),
         *,
         token: str | None = None,
-        tls: ssl.SSLContext | None = None,
         on_note: OnNote = ignore_note,
         answer_s: float = ANSWER_S,
         patience_s: float = PATIENCE_S,
     ) -> HttpServerEnd:
         """Listen at `local` (port 0: any free one), for those with `token` as their bearer token (RFC 6750).
 
-        `OSError` names an address that cannot be had; `InputError` one beyond loopback without token or TLS.
+        `OSError` names an address that cannot be had; `InputError` one beyond loopback without a token.
         """
-        must_be_guarded("HTTP", local, token is not None or tls is not None, _REMEDY)
+        must_be_guarded("HTTP", local, token is not None, _REMEDY)
         end = cls(on_piece, token, on_note, answer_s, patience_s)
         try:
-            server = await asyncio.get_running_loop().create_server(end._door, *local, ssl=tls)
+            server = await asyncio.get_running_loop().create_server(end._door, *local)
         except OSError as error:
             raise naming(local, error) from error
         end._server = server
@@ -253,26 +251,25 @@ class HttpClientEnd:
         remote: Address,
         *,
         token: str | None = None,
-        tls: ssl.SSLContext | None = None,
         on_note: OnNote = ignore_note,
         answer_s: float = CLIENT_S,
     ) -> HttpClientEnd:
         """For requests to `remote`, which need not be there yet: each connects by itself.
 
-        `InputError` names an address beyond loopback without token or TLS.
+        `InputError` names an address beyond loopback without a token.
         """
-        must_be_guarded("HTTP", remote, token is not None or tls is not None, _REMEDY)
+        must_be_guarded("HTTP", remote, token is not None, _REMEDY)
         headers = {"Accept": JSON_TYPE, "Accept-Encoding": "identity", "Content-Type": JSON_TYPE}
         if token is not None:
             headers["Authorization"] = f"Bearer {token}"
         session = aiohttp.ClientSession(
             headers=headers,
-            connector=aiohttp.TCPConnector(limit=MOST_OPEN, ssl=tls if tls is not None else True),
+            connector=aiohttp.TCPConnector(limit=MOST_OPEN),
             timeout=aiohttp.ClientTimeout(total=answer_s),
             cookie_jar=aiohttp.DummyCookieJar(),
             auto_decompress=False,
         )
-        base = URL(f"{'http' if tls is None else 'https'}://{text(remote)}")
+        base = URL(f"http://{text(remote)}")
         return cls(on_piece, on_note, base, session)
 
     @property

@@ -9,7 +9,7 @@ equal one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from heapq import heappop, heappush
 from math import gcd
@@ -183,6 +183,15 @@ class Kernel:
             self.now = until - 1
 
     @property
+    def triggered(self) -> Mapping[str, Time]:
+        """Attacks whose trigger has held, and since when they act."""
+        return self._stages.triggered
+
+    def begin(self, attack: str, start: Time) -> None:
+        """An attack acts from `start`, as the kernel found that has the world; this one has none."""
+        self._stages.begin(attack, start)
+
+    @property
     def due(self) -> Time:
         """When something next happens here, unless a frame comes from elsewhere; `NEVER` where nothing will."""
         heap = self._traffic.heap
@@ -291,6 +300,8 @@ class Kernel:
         return now - now % period + period
 
     def _check_status(self, now: Time, berth: _Berth, status: Sequence[InstanceStatus]) -> None:
+        if now != 0 and status == berth.status:
+            return
         gone: list[str] = []
         for index, (vehicle, was, is_now) in enumerate(zip(berth.engine.vehicles, berth.status, status, strict=True)):
             if is_now != was:

@@ -88,6 +88,17 @@ class Stages:
         return {stage.id: stage for stage in self.each}
 
     @property
+    def triggered(self) -> Mapping[str, Time]:
+        """Since when those act whose trigger has held."""
+        return {one.id: one.start_ns for one in self.each if one.plan.trigger is not None and one.start_ns != NEVER}
+
+    def begin(self, attack: str, start: Time) -> None:
+        """The trigger of an attack has held elsewhere; once only. `KeyError` for one that is none of these."""
+        stage = self.by_id()[attack]
+        if stage.start_ns == NEVER:
+            stage.begin(start)
+
+    @property
     def present(self) -> bool:
         """Whether any may still begin or end."""
         return bool(self._waiting)

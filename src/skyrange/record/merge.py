@@ -7,7 +7,7 @@ under its true ids, by the recorder of the whole. Memory is bounded: rows are re
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -41,6 +41,7 @@ def merge(
     extra: Mapping[str, Any] | None = None,
     truth_hz: float = 10.0,
     sensors_hz: float = 2.0,
+    files: Iterable[tuple[str, Path]] = (),
 ) -> None:
     """Make the record of the whole run in `into`, a folder that does not exist or holds nothing but `.parts`.
 
@@ -49,6 +50,7 @@ def merge(
     `parts` are folders that `Recorder` wrote, closed or not; each one's manifest has `node`: its `name`, the
     `endpoints` that lived there, the `offset_ns` to add to its times, and if it says so `until_ns`, on its own clock,
     the time until which it recorded (else a complete part lasted until the run's end, another until its last row).
+    `files` are put into the folder too, each under its name.
     `header` is as `Recorder.open` takes it, with the run's `links`; rates are what the parts recorded at. The manifest
     gets `nodes`, an entry for each part, also of one that is missing, and `crossings`, how many frames that went
     between nodes were found again; `extra` goes in over that. `InputError` as `Recorder.open`, `ComponentError` where
@@ -56,6 +58,8 @@ def merge(
     """
     recorder = Recorder.open(into, header, truth_hz=truth_hz, sensors_hz=sensors_hz)
     try:
+        for name, path in files:
+            recorder.keep(name, path)
         found = gather(parts, recorder, header)
     except SkyrangeError:
         recorder.close("failed", extra)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from skyrange.agent.frames import Fate
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, Time
+from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
 from skyrange.record.matching import TOLERANCE_NS
 from skyrange.record.order import in_order
@@ -35,7 +36,7 @@ KEPT, HANDED, INCOMING = 0, 1, 2
 _TIMES = {name: ["at_ns", "until_ns"] if name == "labels" else ["time_ns"] for name in TABLES} | {
     "frames": ["sent_ns", "arrived_ns"]
 }
-_OWN = {MANIFEST, f"{MANIFEST}.new", SPOOL, "operators"}
+_OWN = {MANIFEST, f"{MANIFEST}.new", SPOOL, PARTS, "operators"}
 
 Flow = tuple[str, str, str]
 """Link, direction and sender: what counts its frames by itself."""
@@ -189,16 +190,22 @@ class Part:
 
     def files(self) -> Iterator[tuple[str, Path]]:
         """Files that were attached or kept, by their names in the folder."""
-        for path in sorted(self.folder.rglob("*")) if self.tables is not None else ():
-            name = path.relative_to(self.folder)
-            tabular = len(name.parts) == 1 and name.suffix == ".parquet"
-            if path.is_file() and not path.is_symlink() and name.parts[0] not in _OWN and not tabular:
-                yield str(name), path
+        if self.tables is not None:
+            yield from attached(self.folder)
 
     def said(self) -> dict[str, Any]:
         """Its entry in the manifest of the whole."""
         entry = {"name": self.name, "status": self.status, "offset_ns": self.offset_ns, "rows": self.rows}
         return entry | ({"problems": self.problems} if self.problems else {})
+
+
+def attached(folder: Path) -> Iterator[tuple[str, Path]]:
+    """The files of a run or a part that are not the record's own, by their names in the folder."""
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder)
+        tabular = len(name.parts) == 1 and name.suffix == ".parquet"
+        if path.is_file() and not path.is_symlink() and name.parts[0] not in _OWN and not tabular:
+            yield str(name), path
 
 
 def _flows(table: pa.Table, which: str = "serials") -> Iterator[tuple[Flow, NDArray[np.int64]]]:

@@ -19,7 +19,7 @@ from skyrange.codec.missions import format_waypoints
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
-from skyrange.core.time import NS_PER_MS, Time, from_seconds
+from skyrange.core.time import NEVER, NS_PER_MS, Time, from_seconds
 from skyrange.gcs.flights import Flight
 from skyrange.gcs.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
@@ -124,9 +124,7 @@ def wire(
         agents=[*agents, *air.agents],
         watchers=air.watchers,
         taps=[*made.taps, *taps],
-        attacks=[
-            plan if whole else replace(plan, agents=(), faults=(), trigger=None) for plan in (*made.plans, *attacks)
-        ],
+        attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks)],
         world=world,
         engines=engines,
         local=local,
@@ -143,6 +141,12 @@ def wire(
         _attachments(scenario, plans, city),
         air.oracle,
     )
+
+
+def _elsewhere(plan: AttackPlan) -> AttackPlan:
+    """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
+    start = plan.start_ns if plan.trigger is None else NEVER
+    return replace(plan, agents=(), faults=(), trigger=None, start_ns=start)
 
 
 def setting_of(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> Setting:

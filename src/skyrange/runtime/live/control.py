@@ -1,8 +1,9 @@
 """What do the supervisor, its nodes and other machines say to each other? JSON objects over ZeroMQ, under CURVE keys.
 
 Node: `hello`, `bound` (it flew on trial, its addresses are held), `ready` (booted, connected), `status` twice a second,
-`done`. Supervisor: `warm_up` to the first of each machine, and to the others once those are bound; `connect` once all
-are bound; `start` with the clock's zero once all are ready; `clock` when that is known better; `stop`.
+`attack` when the trigger of one holds in the world, `done`. Supervisor: `warm_up` to the first of each machine, and to
+the others once those are bound; `connect` once all are bound; `start` with the clock's zero once all are ready; `clock`
+when that is known better; `attack` as the world said; `stop`.
 Machines: see `joining`. A message may have bytes with it, a part of a file. Nothing that is received is evaluated; what
 is no such object is dropped and counted, and who has no key of the range's is not let in.
 """

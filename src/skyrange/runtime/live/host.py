@@ -28,7 +28,7 @@ from skyrange.runtime.live.clock import Echo, best
 from skyrange.runtime.live.control import Message, Phone
 from skyrange.runtime.live.files import listed, read_chunk, write_chunk
 from skyrange.runtime.live.launch import start
-from skyrange.runtime.live.node import Orders
+from skyrange.runtime.live.orders import Orders
 
 HOST_MARK: Final = "@"
 """What a machine's name at the control socket begins with; a node's never does."""
@@ -116,7 +116,7 @@ class Host:
             raise InputError.one("node", "join", str(said["value"]), str(said["expected"]), str(said["hint"]))
         if kind == "welcome":
             self.welcome = True
-            self.on_word(f"joined {said['name']} as {self.address}")
+            self.on_word(f"joined {said['name']} as {self.address}; its folder here is {self.root}")
         elif kind == "file":
             write_chunk(self.root, said["name"], int(said["offset"]), blob)
         elif kind == "node":

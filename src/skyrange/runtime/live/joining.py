@@ -17,7 +17,7 @@ from skyrange.runtime.live.clock import Echo, Offset
 from skyrange.runtime.live.control import Desk, Message
 from skyrange.runtime.live.files import chunks, write_chunk
 from skyrange.runtime.live.host import HOST_MARK, SILENT_S
-from skyrange.runtime.live.node import Orders
+from skyrange.runtime.live.orders import Orders
 
 FETCH_S: Final = 20.0
 """Wall seconds in which a machine has to hand over a piece of a record."""

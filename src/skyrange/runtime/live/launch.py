@@ -9,7 +9,7 @@ from pathlib import Path
 
 from skyrange.io.programs import Program
 from skyrange.record.folder import PARTS
-from skyrange.runtime.live.node import Orders
+from skyrange.runtime.live.orders import Orders
 
 
 def label_of(node: str) -> str:
@@ -30,5 +30,5 @@ def start(root: Path, orders: Orders, through: Sequence[str] = ()) -> Program:
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600), "w") as file:
         file.write(orders.to_json())  # it holds keys
-    command = [*through, sys.executable, "-m", "skyrange.runtime.live.node", str(path)]
+    command = [*through, sys.executable, "-m", "skyrange.runtime.live.process", str(path)]
     return Program(orders.name, command, folder)

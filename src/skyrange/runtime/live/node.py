@@ -1,87 +1,42 @@
 """What does one process of a live range do? A kernel of its own endpoints, paced by the range's clock, on real sockets.
 
-`python -m skyrange.runtime.live.node RUN/.parts/NAME.program/orders.json`, as `launch` starts it. What a kernel hands
-out for others is written to the link's socket when it would have come out of the link's channel; what a socket hands in
-arrives when it was read. Only payloads cross, so a peer may be any program.
+What a kernel hands out for others is written to the link's socket when it would have come out of the link's channel;
+what a socket hands in arrives when it was read. Only payloads cross, so a peer may be any program.
 """
 
 from __future__ import annotations
 
 import asyncio
-import signal
-import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import TypeAdapter
-
 from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Frame
 from skyrange.agent.links import MIN_LATENCY_NS
 from skyrange.codec.deframe import Piece
-from skyrange.core.errors import ComponentError, SkyrangeError
+from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.io.mavlink_sockets import Address
 from skyrange.kernel import Kernel
 from skyrange.kernel.lane import Transit
 from skyrange.record import Recorder
-from skyrange.runtime.collector import at_ease
-from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.clock import RangeClock
-from skyrange.runtime.live.control import Phone
 from skyrange.runtime.live.ends import End, calling, listening
 from skyrange.runtime.live.intake import Intake
-from skyrange.runtime.live.passes import Passes
+from skyrange.runtime.live.orders import Orders
 from skyrange.runtime.live.tap_door import Taps
-from skyrange.runtime.live.viewing import Viewing, Watched
-from skyrange.runtime.warm import warm_up
-from skyrange.scenario.load import load_file
-from skyrange.scenario.wire import Rig, wire
+from skyrange.runtime.live.viewing import Viewing
+from skyrange.scenario.wire import Rig
 
 SLICE_NS: Final[Time] = 50 * NS_PER_MS
 """The most that a node makes good at once, so that its sockets are served while it is behind."""
-STATUS_S: Final = 0.5
 PAUSE_NS: Final[Time] = NS_PER_S
 """Later than this a node was not slow but stood still: what it did not do then it does once, and not as often as it
 was due, as a program that was stopped has no old heartbeats to send. The world alone makes good every tick."""
-
-
-@dataclass(frozen=True, slots=True)
-class Orders:
-    """What a node is told by the file that it is started with."""
-
-    name: str
-    endpoints: tuple[str, ...]
-    part: str
-    """The folder of its record within the run's."""
-    host: str
-    """The address of the machine that it runs on."""
-    control: Address
-    crossings: tuple[Crossing, ...]
-    passes: Passes
-    anew: bool = False
-    """Whether one of this name died before, while the range flew: it begins at the range's present."""
-    motion: bool = False
-    """Whether the command line lets vehicles outside the range be moved."""
-    watched: Watched = ()
-    """Aircraft of this node that viewers see, and where."""
-
-    def to_json(self) -> str:
-        """As the file has it."""
-        return _ORDERS.dump_json(self).decode()
-
-    @classmethod
-    def from_json(cls, text: str) -> Orders:
-        """What `to_json` wrote."""
-        return _ORDERS.validate_json(text)
-
-
-_ORDERS: Final = TypeAdapter(Orders)
 
 
 @dataclass(slots=True)
@@ -127,6 +82,9 @@ class Node:
         self._pushed = 0
         self._arrived: dict[str, int] = {}
         self._began_cpu_s = time.process_time()
+        self._awaits = {plan.id for plan in rig.wiring.attacks if plan.trigger is not None}
+        self.triggered: asyncio.Queue[tuple[str, Time]] = asyncio.Queue()
+        """Attacks whose trigger has held here, and since when they act."""
         self._stopped = ""
         """Why it ends early, such as "interrupted"; "" while it does not."""
 
@@ -183,6 +141,10 @@ class Node:
         if self._clock is not None:
             self._clock.zero_ns = zero_ns
 
+    def begin(self, attack: str, start: Time) -> None:
+        """An attack's trigger has held where the world is."""
+        self._kernel.begin(attack, start)
+
     async def fly(self, zero_ns: int) -> str:
         """Until the end, or until it is stopped; how it ended, as a record's status."""
         clock = self._clock = RangeClock(zero_ns)
@@ -236,6 +198,10 @@ class Node:
         for transit in kernel.advance(until, inbound):
             self._pushed += 1
             heappush(self._pending, (transit.arrival, self._pushed, transit))
+        if self._awaits:
+            for attack in self._awaits & kernel.triggered.keys():
+                self._awaits.remove(attack)
+                self.triggered.put_nowait((attack, kernel.triggered[attack]))
         while self._pending and self._pending[0][0] <= now:
             frame = heappop(self._pending)[2].frame
             if self._taps.holds(frame.link):
@@ -303,102 +269,3 @@ class Node:
         if self._viewing is not None:
             self._viewing.close()
         self._kernel.finish()
-
-
-async def serve(orders: Orders, root: Path) -> int:
-    """Run a node from its first word to the supervisor to its last; the exit code. `root` is the run's folder."""
-    phone = Phone(orders.name, orders.control, orders.passes.desk)
-    phone.open()
-    try:
-        await phone.tell("hello")
-        try:
-            scenario, here = load_file(root / "scenario.toml"), frozenset(orders.endpoints)
-            rig = wire(scenario, local=here, motion=orders.motion)
-            if not orders.anew:  # the others wait for nobody who is late, and what he runs they have compiled
-                await _until(phone, "warm_up")
-                warm_up(scenario)
-            return await _serve(orders, phone, rig, root / orders.part)
-        except _StoppedError:
-            await phone.tell("done", status="interrupted")
-            return 0
-        except (SkyrangeError, OSError) as error:
-            await phone.tell("done", status="failed", error=str(error))
-            print(error, file=sys.stderr)
-            return getattr(error, "exit_code", 3)
-    finally:
-        phone.close()
-
-
-async def _serve(orders: Orders, phone: Phone, rig: Rig, part: Path) -> int:
-    told = {"name": orders.name, "host": orders.host, "endpoints": list(orders.endpoints), "offset_ns": 0}
-    record = rig.scenario.record
-    recorder = Recorder.open(part, rig.header | {"node": told}, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
-    recorder.listen(rig.oracle)
-    node = Node(orders, rig, recorder)
-    tasks: list[asyncio.Task[None]] = []
-    status, error = "failed", ""
-    try:
-        await node.bind()
-        await node.admit(Path(f"{part}.program"))
-        await phone.tell("bound")
-        await _until(phone, "connect")
-        await node.connect()
-        node.boot()
-        await phone.tell("ready")
-        start = await _until(phone, "start")
-        tasks = [asyncio.create_task(_report(phone, node)), asyncio.create_task(_obey(phone, node))]
-        with at_ease():
-            status = await node.fly(int(start["zero_ns"]))
-    except _StoppedError:
-        status = "interrupted"
-    except SkyrangeError as failure:
-        error = str(failure)
-        raise
-    finally:
-        for task in tasks:
-            task.cancel()
-        node.close()
-        facts = {"node": {**told, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
-        recorder.close(status, facts, in_spool=True)  # its rows are soon those of the whole
-    await phone.tell("done", status=status, **node.status)
-    return 0
-
-
-class _StoppedError(Exception):
-    """The supervisor does not want to start any more."""
-
-
-async def _until(phone: Phone, kind: str) -> Mapping[str, Any]:
-    while True:
-        said, _ = await phone.hear()
-        if said["kind"] == kind:
-            return said
-        if said["kind"] == "stop":
-            raise _StoppedError
-
-
-async def _obey(phone: Phone, node: Node) -> None:
-    while True:
-        said, _ = await phone.hear()
-        if said["kind"] == "stop":
-            node.stop("interrupted")
-            return
-        if said["kind"] == "clock":
-            node.set_clock(int(said["zero_ns"]))
-
-
-async def _report(phone: Phone, node: Node) -> None:
-    while True:
-        await phone.tell("status", **node.status)
-        await asyncio.sleep(STATUS_S)
-
-
-def main(arguments: Sequence[str]) -> int:
-    """The process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor's to hear
-    path = Path(arguments[0])
-    return asyncio.run(serve(Orders.from_json(path.read_text()), path.parents[2]))
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

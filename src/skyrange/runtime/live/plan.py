@@ -52,6 +52,10 @@ class Plan:
         """The addresses of the other machines, in order."""
         return tuple(sorted({node.host for node in self.nodes} - {self.base}))
 
+    def node(self, name: str) -> Node:
+        """The process of that name."""
+        return next(node for node in self.nodes if node.name == name)
+
     def home(self, endpoint: str) -> str:
         """The node where an endpoint lives; "" for one outside."""
         return next((node.name for node in self.nodes if endpoint in node.endpoints), "")

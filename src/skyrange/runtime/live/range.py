@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
 from skyrange.io.curve_keys import Keys
@@ -140,23 +140,8 @@ def prepare(
         raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
     here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
     check_free([one for one in here if spaces is None])  # in networks that are not there yet nobody is
-    _check_attacks(rig)
     control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
     seen = watched(fleet, viewer_port) if viewer_port is not None else ()
     death = on_death or scenario.live.on_death
     return Range(rig, planned, places, open_record(rig, out), death, keys, control_port, spaces, motion, seen)
-
-
-def _check_attacks(rig: Rig) -> None:
-    """Only the world's process knows when a trigger fires."""
-    tapping = {tap.attack for tap in rig.wiring.taps}
-    faults = [
-        Fault(
-            f"attacks.{one.id}", "a trigger, and taps on links", "one of the two in a live range", "Give it a start_s."
-        )
-        for one in rig.wiring.attacks
-        if one.trigger is not None and one.id in tapping
-    ]
-    if faults:
-        raise InputError("live", faults)

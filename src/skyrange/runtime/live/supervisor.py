@@ -26,7 +26,7 @@ from skyrange.runtime.live.control import Desk, Message
 from skyrange.runtime.live.ending import merge
 from skyrange.runtime.live.host import HOST_MARK
 from skyrange.runtime.live.joining import Machine, Machines
-from skyrange.runtime.live.node import Orders
+from skyrange.runtime.live.orders import Orders
 from skyrange.runtime.live.passes import Passes, issue
 from skyrange.runtime.live.plan import LOOPBACK, WORLD
 from skyrange.runtime.live.range import MOST_STARTS, Member, OnLook, Range, State
@@ -58,6 +58,14 @@ def _nothing(_: Range) -> None:
     return
 
 
+def _as_failure(error: Exception) -> SkyrangeError:
+    if isinstance(error, SkyrangeError):
+        return error
+    failure = ComponentError("live", repr(error))
+    failure.__cause__ = error
+    return failure
+
+
 class _Supervisor:
     """One range, from its first process to its record."""
 
@@ -71,6 +79,8 @@ class _Supervisor:
         self._desk = Desk(Keys(public, secret, peers))
         others = {address: Machine(address) for address in flown.joining}
         self._listener: asyncio.Task[None] | None = None
+        self._acting: dict[str, int] = {}
+        """Attacks whose trigger has held, and the range's time at which it did, in ns."""
         self._machines = Machines(flown.rig.scenario.name, self._desk, self._on_ended, others)
 
     async def fly(self) -> Path:
@@ -83,16 +93,13 @@ class _Supervisor:
             await self._join()
             await self._start()
             await self._watch()
-        except SkyrangeError as error:
-            failure = error
         except Exception as error:  # whatever broke: processes are ended, and the record says so
-            failure = ComponentError("live", repr(error))
-            failure.__cause__ = error
+            failure = _as_failure(error)
         flown.took_s = max(flown.now_s, 0.0)
         try:
             await self._end()
-        except SkyrangeError as error:
-            failure = failure or error
+        except Exception as error:
+            failure = failure or _as_failure(error)
         finally:
             if self._listener is not None:
                 self._listener.cancel()
@@ -127,6 +134,7 @@ class _Supervisor:
         deadline = time.monotonic() + JOIN_S
         while missing := self._machines.missing:
             flown.waits_for = missing
+            self._check_that_we_hear()
             if self._interrupt.requested:
                 return
             if time.monotonic() > deadline:
@@ -153,7 +161,7 @@ class _Supervisor:
     def _orders(self, name: str) -> Orders:
         flown = self._range
         start = flown.members[name].starts
-        node = next(one for one in flown.plan.nodes if one.name == name)
+        node = flown.plan.node(name)
         return Orders(
             name=node.name,
             endpoints=tuple(sorted(node.endpoints)),
@@ -189,13 +197,21 @@ class _Supervisor:
             if word == "start":
                 flown.zero_ns = self._machines.zero_ns = time.monotonic_ns() + LEAD_NS
             for name in who if word else ():
-                await self._desk.tell(name, word, zero_ns=self._machines.zero_at(flown.members[name].host))
+                more = {"rehearse": name in first or self._rehearses(name)} if word == "warm_up" else {}
+                await self._desk.tell(name, word, zero_ns=self._machines.zero_at(flown.members[name].host), **more)
+
+    def _rehearses(self, name: str) -> bool:
+        """Whether a node may come to need what the first half minute does not show: an evasion, say."""
+        avoids = any(operator.avoidance is not None for operator in self._range.rig.scenario.operators)
+        ends = self._range.plan.node(name).endpoints
+        return name == WORLD or (avoids and any(end.endswith(".companion") for end in ends))
 
     async def _all(self, who: Sequence[str], state: State, within_s: float) -> None:
         """Wait until all of `who` have come so far."""
         members = self._range.members
         deadline = time.monotonic() + within_s
         while any(members[name].state != state for name in who) and not self._interrupt.requested:
+            self._check_that_we_hear()
             self._bury()
             gone = [member for member in members.values() if member.state in ("done", "dead")]
             if gone:
@@ -210,6 +226,7 @@ class _Supervisor:
         """Until all are done, or somebody has to stop."""
         flown, interrupt = self._range, self._interrupt
         while not interrupt.requested and any(one.state not in ("done", "dead") for one in flown.members.values()):
+            self._check_that_we_hear()
             self._bury()
             for dead in [member for member in flown.members.values() if member.ended]:
                 if flown.on_death == "stop" or dead.name == WORLD:
@@ -228,10 +245,13 @@ class _Supervisor:
         else:
             self._launch(dead)
 
-    def _bury(self) -> None:
-        """Notice those that have ended without a word, and that nobody listens any more."""
+    def _check_that_we_hear(self) -> None:
+        """Raise what ended the listener, if it has ended: nothing that nodes say would be noticed any more."""
         if self._listener is not None and self._listener.done():
             self._listener.result()
+
+    def _bury(self) -> None:
+        """Notice those that have ended without a word."""
         for member in self._range.members.values():
             if member.state in ("done", "dead"):
                 continue
@@ -257,8 +277,11 @@ class _Supervisor:
             who, said, blob = await self._desk.hear()
             try:
                 if not await self._machines.hear(who, said, blob):
-                    self._hear(who, said)
-                    await self._lead(who)
+                    if said["kind"] == "attack":
+                        await self._pass_on(who, str(said["id"]), int(said["start_ns"]))
+                    else:
+                        self._hear(who, said)
+                        await self._lead(who)
                 elif said["kind"] == "clock" and self._machines.zero_ns:
                     await self._tell_time(who)
             except (KeyError, TypeError, ValueError):  # not what such a message says
@@ -286,6 +309,18 @@ class _Supervisor:
         word = {"bound": "connect", "ready": "start"}.get(member.state, "") if member is not None else ""
         if member is not None and member.deaths and word:
             await self._desk.tell(name, word, zero_ns=self._machines.zero_at(member.host))
+            for attack, start_ns in self._acting.items() if word == "start" else ():
+                await self._desk.tell(name, "attack", id=attack, start_ns=start_ns)
+
+    async def _pass_on(self, who: str, attack: str, start_ns: int) -> None:
+        """An attack's trigger has held: taps of it may be anywhere."""
+        if who != WORLD:
+            self._desk.strange += 1
+            return
+        self._acting[attack] = start_ns
+        for member in self._range.members.values():
+            if member.name != WORLD and member.state in ("ready", "flying"):
+                await self._desk.tell(member.name, "attack", id=attack, start_ns=start_ns)
 
     async def _tell_time(self, who: str) -> None:
         """To the nodes of a machine whose clock was measured again."""

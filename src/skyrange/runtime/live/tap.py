@@ -141,7 +141,8 @@ def node_of(run: Path, link: str) -> Path | None:
     if link in found:
         return found[link] if (found[link] / DOOR).exists() else None
     if folders and all((folder / DOOR).exists() for folder in folders):
-        hint = f"{nearest(link, found)} One within a process has no socket: --group component gives each its own."
+        hint = f"{nearest(link, found)} One within a process has no socket: --group component gives each its own. "
+        hint += "One between other machines is tapped on one of those."
         raise InputError("tap", [Fault("LINK", link, "a link that crosses between processes", hint)])
     status = (_read(run / MANIFEST) or {}).get("status", "running")
     if status != "running":
