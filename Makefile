@@ -17,7 +17,7 @@ check: $(VENV)/.tested
 	$(BIN)/lint-imports
 
 unit: $(VENV)/.tested
-	$(BIN)/python -m pytest -n 2 -rs
+	$(BIN)/python -m pytest -n 2 -rsfE
 
 setup: $(VENV)/.tested
 
