@@ -64,11 +64,14 @@ def taken(held: Exchanges, rows: list[int], within_s: float = 0.2) -> list[int]:
 
 def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process], Exchanges]) -> None:
     processes, held = fleet
-    text = np.zeros((3, 64), dtype=np.uint8)
-    for row, line in enumerate((b"first", b"of no matter", b"third")):
-        text[row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
-    held.send(np.array([0, 2]), text, np.array([5, 12, 5]))
+    lines = [[b"first", b"of no matter", b"third"], [b"first again", b"nor this", b"third again"]]
+    text, lengths = np.zeros((2, 3, 64), dtype=np.uint8), np.zeros((2, 3), dtype=np.int64)
+    for turn, row in np.ndindex(2, 3):
+        lengths[turn, row] = len(lines[turn][row])
+        text[turn, row, : lengths[turn, row]] = np.frombuffer(lines[turn][row], dtype=np.uint8)
+    held.send(np.array([0, 2]), text, lengths)
     assert [processes[row].line.recv(100) for row in (0, 2)] == [b"first", b"third"]
+    assert [processes[row].line.recv(100) for row in (0, 2)] == [b"first again", b"third again"]
     processes[1].line.settimeout(0.05)
     with pytest.raises(TimeoutError):
         processes[1].line.recv(100)
@@ -111,7 +114,7 @@ def test_one_that_began_anew_is_followed(fleet: tuple[list[Process], Exchanges])
     one.says(1, 1400)
     assert taken(held, [2]) == [1400]
     assert one.strangers == 1
-    held.send(np.array([2]), np.full((3, 4), 65, dtype=np.uint8), np.array([4, 4, 4]))
+    held.send(np.array([2]), np.full((1, 3, 4), 65, dtype=np.uint8), np.array([[4, 4, 4]]))
     assert one.line.recv(10) == b"AAAA"
 
 

@@ -65,12 +65,16 @@ class Exchanges:
         return self._heard[:, HEAD:]
 
     def send(self, rows: Ints, text: Bytes, lengths: Ints) -> None:
-        """Let each of `rows` compute a step, by its row of `text` (n, bytes), so long; it has answered before."""
+        """Let each of `rows` compute k steps, by its rows of `text` (k, n, bytes), so long (k, n).
+
+        They have answered before. One after the other gets all of its lines: who has them does not fall asleep between.
+        """
         if self._compiled:
             _send(rows, self._sockets, self._peers, text, lengths)
             return
         for row in rows.tolist():
-            self._sitls[row].send(text[row, : lengths[row]].tobytes())
+            for line, length in zip(text[:, row], lengths[:, row], strict=True):
+                self._sitls[row].send(line[:length].tobytes())
 
     def take(self, rows: Ints) -> list[int]:
         """Wait for the next answer of each of `rows`, and take it; returns those where `take_late` has to do so."""
@@ -115,7 +119,8 @@ class Exchanges:
 @kernel
 def _send(rows: Ints, sockets: NDArray[np.int32], peers: Bytes, text: Bytes, lengths: Ints) -> None:
     for row in rows:  # one that has died is told by its answer
-        _sendto(sockets[row], text[row].ctypes, lengths[row], 0, peers[row].ctypes, _ADDRESS)
+        for turn in range(len(text)):
+            _sendto(sockets[row], text[turn, row].ctypes, lengths[turn, row], 0, peers[row].ctypes, _ADDRESS)
 
 
 @kernel

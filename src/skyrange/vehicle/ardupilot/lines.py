@@ -50,26 +50,28 @@ _0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
 class Writer:
     """Writes the lines of some aircraft."""
 
-    def __init__(self, count: int) -> None:
-        self.text = np.zeros((count, _LENGTH), dtype=np.uint8)
-        """The line for each, as it was last written."""
-        self.lengths: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
+    def __init__(self, count: int, turns: int = 1) -> None:
+        """For `count` aircraft, `turns` lines each."""
+        self.text = np.zeros((turns, count, _LENGTH), dtype=np.uint8)
+        """The first line for each, the second, …, as they were last written."""
+        self.lengths: NDArray[np.int64] = np.zeros((turns, count), dtype=np.int64)
 
-    def write(self, times_s: Floats, motion: Motion) -> None:
+    def write(self, times_s: Floats, motion: Motion, turn: int = 0) -> None:
         """Write a line for each; `times_s` (n,) is the time on each one's own clock."""
-        _write(times_s, motion.rows, self.text, self.lengths)
-        if not self.lengths.all():
-            for row in np.flatnonzero(self.lengths == 0):
+        text, lengths = self.text[turn], self.lengths[turn]
+        _write(times_s, motion.rows, text, lengths)
+        if not lengths.all():
+            for row in np.flatnonzero(lengths == 0):
                 line = _LINE % (times_s[row], *motion.rows[row].tolist())
-                self.text[row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
-                self.lengths[row] = len(line)
+                text[row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
+                lengths[row] = len(line)
 
 
 def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     """The line for each aircraft; `times_s` is the time on each one's own clock."""
     writer = Writer(len(times_s))
     writer.write(np.array(times_s), motion)
-    return [row[:length].tobytes() for row, length in zip(writer.text, writer.lengths.tolist(), strict=True)]
+    return [row[:length].tobytes() for row, length in zip(writer.text[0], writer.lengths[0].tolist(), strict=True)]
 
 
 @kernel

@@ -53,8 +53,8 @@ class LockstepFleet(Fleet):
         """Exchanges per tick, as some have them."""
         self._motion: Motion | None = None
         """At the last tick."""
-        self._writers: dict[tuple[int, int], Writer] = {}
-        """Of what each is sent in a tick, by exchanges per tick and which of them."""
+        self._writers: dict[int, Writer] = {}
+        """Of what each is sent in a tick, by exchanges per tick."""
         self._exchanges: Exchanges | None = None
         self._steps: NDArray[np.int64] = np.zeros(len(specs), dtype=np.int64)
         """Since each one's start."""
@@ -100,7 +100,7 @@ class LockstepFleet(Fleet):
         count = len(self._sitls)
         self._live = np.arange(count)
         self._exchanges = Exchanges(self._sitls)
-        self._writers = {(rate, turn): Writer(count) for rate in self._rates for turn in range(rate)}
+        self._writers = {rate: Writer(count, rate) for rate in self._rates}
         if count == 1:
             self._sharing = Pair(self._sitls[0].program)
 
@@ -138,11 +138,13 @@ class LockstepFleet(Fleet):
         assert self._exchanges is not None
         for per_tick in self._rates:
             rows = self._due if len(self._rates) == 1 else self._due[self._per_tick[self._due] == per_tick]
-            for turn in range(per_tick if len(rows) else 0):
+            if not len(rows):
+                continue
+            writer = self._writers[per_tick]
+            for turn in range(per_tick):
                 motion = after if turn + 1 == per_tick else between(before, after, (turn + 1) / per_tick)
-                writer = self._writers[per_tick, turn]
-                writer.write(stamps_s(self._steps + (turn + 1), self._step_ns), motion)
-                self._exchanges.send(rows, writer.text, writer.lengths)
+                writer.write(stamps_s(self._steps + (turn + 1), self._step_ns), motion, turn)
+            self._exchanges.send(rows, writer.text, writer.lengths)
         self._steps[self._due] += self._per_tick[self._due]
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
