@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.vehicle.ardupilot.lines import _LINE, _write, lines
+from skyrange.vehicle.ardupilot.lines import _LINE, Writer, _write, lines
 from skyrange.vehicle.ardupilot.packets import STANDING, Motion
 
 numbers = st.floats() | st.sampled_from((0.0, -0.0, 1.0, 0.5, 9.999999995, 999999999.5, 1e-4, 9.99999999e-5, 1e9, 1e-5))
@@ -33,9 +33,10 @@ def test_thousands_of_lines_are_what_percent_writes_and_nearly_all_are_the_kerne
     times_s = np.arange(1, count + 1) * 0.005 * (1.0 + 1e-7)
     written = lines(times_s.tolist(), Motion(rows))
     assert written == [plain(*pair) for pair in zip(times_s.tolist(), rows.tolist(), strict=True)]
-    text, lengths = np.zeros((count, 512), dtype=np.uint8), np.zeros(count, dtype=np.int64)
-    _write(times_s, rows, text, lengths)
-    assert 0.95 * count < np.count_nonzero(lengths) <= count
+    text, lengths = np.zeros((1, count, 512), dtype=np.uint8), np.zeros((1, count), dtype=np.int64)
+    every = np.arange(count)
+    assert not _write(np.zeros_like(every), every, times_s, rows, text, lengths)
+    assert 0.95 * count < np.count_nonzero(lengths) < count
     assert lengths.max() < 400
 
 
@@ -50,6 +51,19 @@ def test_powers_of_ten_and_their_neighbours() -> None:
             for value in (start, math.nextafter(start, 0.0), math.nextafter(start, math.inf), -start):
                 row = [value] * 12
                 assert lines([1.5], Motion(np.array([row]))) == [plain(1.5, row)], value
+
+
+def test_a_writer_keeps_each_ones_lines_apart() -> None:
+    motion = Motion(np.repeat(STANDING.rows, 3, axis=0))
+    motion.rows[1, 3] = math.nan  # not for the kernel
+    writer = Writer(3, 2)
+    writer.write(np.array([0, 0, 0]), np.array([0, 1, 2]), np.array([1.0, 2.0, 3.0]), motion)
+    first = writer.text[0].copy()
+    writer.write(np.array([1, 1, 0]), np.array([1, 2]), np.array([4.0, 5.0, 6.0]), motion)
+    assert (writer.text[0, :2] == first[:2]).all()
+    assert writer.lengths[1, 0] == 0
+    for at, time_s in (((1, 1), 5.0), ((0, 2), 6.0), ((0, 1), 2.0)):
+        assert writer.text[at][: writer.lengths[at]].tobytes() == plain(time_s, motion.rows[at[1]].tolist())
 
 
 def test_what_is_no_number_is_written_as_ever() -> None:

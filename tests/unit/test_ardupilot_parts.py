@@ -56,18 +56,23 @@ def test_open_drone_id_has_its_transmitter_on_the_link_autopilot_unless_told_oth
 
 
 @pytest.mark.parametrize(
-    ("values", "steps"),
+    ("values", "steps", "moments"),
     [
-        ({}, (2, 1)),  # 1.8 · 400 Hz in steps of 2.5 ms
-        ({"SCHED_LOOP_RATE": 200.0}, (1, 1)),
-        ({"SCHED_LOOP_RATE": 100.0}, (1, 2)),
-        ({"SCHED_LOOP_RATE": 100.0, "SIM_RATE_HZ": 400.0}, (1, 1)),
-        ({"SCHED_LOOP_RATE": 50.0}, (1, 4)),
-        ({"SIM_RATE_HZ": 1200.0}, (3, 1)),
+        ({}, (2, 1), 1),  # 1.8 · 400 Hz in steps of 2.5 ms
+        ({"SCHED_LOOP_RATE": 300.0}, (2, 1), 1),  # a turn of the loop is a tick and a third
+        ({"SCHED_LOOP_RATE": 200.0}, (1, 1), 2),
+        ({"SCHED_LOOP_RATE": 100.0}, (1, 2), 2),
+        ({"SCHED_LOOP_RATE": 100.0, "SIM_RATE_HZ": 400.0}, (1, 1), 4),
+        ({"SCHED_LOOP_RATE": 50.0}, (1, 4), 2),
+        ({"SIM_RATE_HZ": 1200.0}, (3, 1), 1),
     ],
 )
-def test_gyros_are_read_as_often_as_arming_wants(values: dict[str, float], steps: tuple[int, int]) -> None:
-    assert parameters.steps_of(values, {"SCHED_LOOP_RATE": 400.0}, 0.0025) == steps
+def test_gyros_are_read_as_often_as_arming_wants(
+    values: dict[str, float], steps: tuple[int, int], moments: int
+) -> None:
+    listed = {"SCHED_LOOP_RATE": 400.0}
+    assert parameters.steps_of(values, listed, 0.0025) == steps
+    assert parameters.moments_of(values, listed, 0.0025) == moments
 
 
 def test_a_fix_is_said_once_at_most_five_times_a_second_in_gps_time() -> None:

@@ -64,17 +64,18 @@ class Exchanges:
         """(n, bytes) what was last taken of each: pulse widths in µs, little-endian 16 bits each."""
         return self._heard[:, HEAD:]
 
-    def send(self, rows: Ints, text: Bytes, lengths: Ints) -> None:
-        """Let each of `rows` compute k steps, by its rows of `text` (k, n, bytes), so long (k, n).
+    def send(self, rows: Ints, counts: Ints, text: Bytes, lengths: Ints) -> None:
+        """Let each of `rows` compute as many steps as `counts` (n,) has; it has answered all before.
 
-        They have answered before. One after the other gets all of its lines: who has them does not fall asleep between.
+        Its lines are its rows of `text` (k, n, bytes), so long as `lengths` (k, n) has. One after the other gets all of
+        them: a process that has them does not fall asleep between two steps.
         """
         if self._compiled:
-            _send(rows, self._sockets, self._peers, text, lengths)
+            _send(rows, counts, self._sockets, self._peers, text, lengths)
             return
         for row in rows.tolist():
-            for line, length in zip(text[:, row], lengths[:, row], strict=True):
-                self._sitls[row].send(line[:length].tobytes())
+            for turn in range(counts[row]):
+                self._sitls[row].send(text[turn, row, : lengths[turn, row]].tobytes())
 
     def take(self, rows: Ints) -> list[int]:
         """Wait for the next answer of each of `rows`, and take it; returns those where `take_late` has to do so."""
@@ -117,9 +118,9 @@ class Exchanges:
 
 
 @kernel
-def _send(rows: Ints, sockets: NDArray[np.int32], peers: Bytes, text: Bytes, lengths: Ints) -> None:
+def _send(rows: Ints, counts: Ints, sockets: NDArray[np.int32], peers: Bytes, text: Bytes, lengths: Ints) -> None:
     for row in rows:  # one that has died is told by its answer
-        for turn in range(len(text)):
+        for turn in range(counts[row]):
             _sendto(sockets[row], text[turn, row].ctypes, lengths[turn, row], 0, peers[row].ctypes, _ADDRESS)
 
 

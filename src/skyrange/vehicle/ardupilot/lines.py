@@ -21,6 +21,7 @@ from skyrange.core.compiled import kernel
 from skyrange.vehicle.ardupilot.packets import Motion
 
 Bytes = NDArray[np.uint8]
+Ints = NDArray[np.int64]
 
 _LINE: Final = (
     b'\n{"timestamp":%.12f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
@@ -50,42 +51,50 @@ _0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
 class Writer:
     """Writes the lines of some aircraft."""
 
-    def __init__(self, count: int, turns: int = 1) -> None:
-        """For `count` aircraft, `turns` lines each."""
-        self.text = np.zeros((turns, count, _LENGTH), dtype=np.uint8)
+    def __init__(self, count: int, most: int = 1) -> None:
+        """For `count` aircraft, `most` lines each."""
+        self.text = np.zeros((most, count, _LENGTH), dtype=np.uint8)
         """The first line for each, the second, …, as they were last written."""
-        self.lengths: NDArray[np.int64] = np.zeros((turns, count), dtype=np.int64)
+        self.lengths: Ints = np.zeros((most, count), dtype=np.int64)
 
-    def write(self, times_s: Floats, motion: Motion, turn: int = 0) -> None:
-        """Write a line for each; `times_s` (n,) is the time on each one's own clock."""
-        text, lengths = self.text[turn], self.lengths[turn]
-        _write(times_s, motion.rows, text, lengths)
-        if not lengths.all():
-            for row in np.flatnonzero(lengths == 0):
+    def write(self, which: Ints, rows: Ints, times_s: Floats, motion: Motion) -> None:
+        """Write one line more for each of `rows`, its first, second, … as `which` (n,) has it, from 0.
+
+        `times_s` (n,) is the time on each one's own clock.
+        """
+        if _write(which, rows, times_s, motion.rows, self.text, self.lengths):
+            return
+        for row in rows:
+            at = which[row], row
+            if self.lengths[at] == 0:
                 line = _LINE % (times_s[row], *motion.rows[row].tolist())
-                text[row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
-                lengths[row] = len(line)
+                self.text[at][: len(line)] = np.frombuffer(line, dtype=np.uint8)
+                self.lengths[at] = len(line)
 
 
 def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     """The line for each aircraft; `times_s` is the time on each one's own clock."""
-    writer = Writer(len(times_s))
-    writer.write(np.array(times_s), motion)
+    rows = np.arange(len(times_s))
+    writer = Writer(len(rows))
+    writer.write(np.zeros_like(rows), rows, np.array(times_s), motion)
     return [row[:length].tobytes() for row, length in zip(writer.text[0], writer.lengths[0].tolist(), strict=True)]
 
 
 @kernel
-def _write(times_s: Floats, rows: Floats, text: Bytes, lengths: NDArray[np.int64]) -> None:
-    """Lengths are 0 where a number is none for this kernel."""
-    for i in range(len(rows)):
-        line = text[i]
+def _write(which: Ints, rows: Ints, times_s: Floats, motion: Floats, text: Bytes, lengths: Ints) -> bool:
+    """Lengths are 0 where a number is none for this kernel; whether none is."""
+    whole = True
+    for i in rows:
+        line = text[which[i], i]
         at = _copy(0, line, 0)
         at = _fixed12(times_s[i], line, at)
         for k in range(12):
             if at > 0:
                 at = _copy(k + 1, line, at)
-                at = _general(rows[i, k], 9 if k < 11 else 6, line, at)
-        lengths[i] = _copy(13, line, at) if at > 0 else 0
+                at = _general(motion[i, k], 9 if k < 11 else 6, line, at)
+        lengths[which[i], i] = _copy(13, line, at) if at > 0 else 0
+        whole = whole and at > 0
+    return whole
 
 
 @kernel

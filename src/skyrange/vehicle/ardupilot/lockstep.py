@@ -1,7 +1,8 @@
 """ArduPilot in lockstep with our world: its JSON physics backend.
 
-Every tick each process gets the tick's sensors, all compute side by side, and the tick ends when all have answered. No
-clock of the machine takes part: the same inputs give the same bytes.
+Every tick each process gets the tick's sensors, or with the last tick of a turn of its main loop those of all
+(`batches`); all compute side by side, and the tick ends when all have answered. No clock of the machine takes part: the
+same inputs give the same bytes.
 """
 
 from __future__ import annotations
@@ -22,12 +23,15 @@ from skyrange.io.cores import Pair
 from skyrange.io.exchanges import Exchanges
 from skyrange.io.sitl import LockstepSitl, wall_s
 from skyrange.vehicle.ardupilot import parameters
+from skyrange.vehicle.ardupilot.batches import Batches
 from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet, Instance
 from skyrange.vehicle.ardupilot.lines import Writer
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, motion_of, stamps_s
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
+
+Ints = NDArray[np.int64]
 
 _TRIES = 5
 
@@ -52,21 +56,23 @@ class LockstepFleet(Fleet):
         self._rates: list[int] = []
         """Exchanges per tick, as some have them."""
         self._motion: Motion | None = None
-        """At the last tick."""
-        self._writers: dict[int, Writer] = {}
-        """Of what each is sent in a tick, by exchanges per tick."""
+        """At the last tick with exchanges."""
+        self._writer = Writer(0)
+        """Of what each is sent."""
+        self._batches: Batches | None = None
         self._exchanges: Exchanges | None = None
-        self._steps: NDArray[np.int64] = np.zeros(len(specs), dtype=np.int64)
+        self._steps: Ints = np.zeros(len(specs), dtype=np.int64)
         """Since each one's start."""
-        self._step_ns: NDArray[np.int64] = np.zeros(len(specs), dtype=np.int64)
+        self._step_ns: Ints = np.zeros(len(specs), dtype=np.int64)
         """Between two exchanges."""
-        self._per_tick: NDArray[np.int64] = np.ones(len(specs), dtype=np.int64)
-        self._ticks: NDArray[np.int64] = np.ones(len(specs), dtype=np.int64)
-        """Exchanges per tick, ticks per exchange: one of them is 1."""
-        self._live: NDArray[np.int64] = np.empty(0, dtype=np.int64)
+        self._per_tick: Ints = np.ones(len(specs), dtype=np.int64)
+        """Exchanges per tick, of those that have any."""
+        self._live: Ints = np.empty(0, dtype=np.int64)
         """The rows that are not lost."""
-        self._due: NDArray[np.int64] = np.empty(0, dtype=np.int64)
-        """Those of them with an exchange in this tick."""
+        self._due: Ints = np.empty(0, dtype=np.int64)
+        """Those of them that answer in this tick."""
+        self._status: list[InstanceStatus] = []
+        """As last told."""
         self._sharing: Pair | None = None
         """We and the process, where there is one alone."""
 
@@ -81,6 +87,7 @@ class LockstepFleet(Fleet):
         """Wait until the last process has spoken, each from a port of its own."""
         deadline = wall_s() + START_S
         taken: set[int] = set()
+        ticks, moments = np.ones_like(self._per_tick), np.ones_like(self._per_tick)
         for row, one in enumerate(self._instances):
             sitl = self._sitl(one)
             for again in range(_TRIES):
@@ -93,14 +100,16 @@ class LockstepFleet(Fleet):
             taken.add(sitl.port)
             self._sitls.append(sitl)
             rates = parameters.steps_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
-            self._per_tick[row], self._ticks[row] = rates
-        self._step_ns = QUANTUM_NS * self._ticks // self._per_tick
-        self._skips = bool((self._ticks > 1).any())
+            self._per_tick[row], ticks[row] = rates
+            moments[row] = parameters.moments_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
+        self._step_ns = QUANTUM_NS * ticks // self._per_tick
+        self._skips = bool((ticks > 1).any())
         self._rates = sorted(set(self._per_tick.tolist()))
         count = len(self._sitls)
         self._live = np.arange(count)
         self._exchanges = Exchanges(self._sitls)
-        self._writers = {rate: Writer(count, rate) for rate in self._rates}
+        self._batches = Batches(self._per_tick, ticks, moments)
+        self._writer = Writer(count, int((self._per_tick * moments).max()))
         if count == 1:
             self._sharing = Pair(self._sitls[0].program)
 
@@ -119,36 +128,38 @@ class LockstepFleet(Fleet):
                 f"engine {self.name}", f"a tick of {tick - self._tick} ns", f"It flies in a world of {QUANTUM_NS} ns"
             )
         self._tick = tick
-        number = tick // QUANTUM_NS
-        due = self._live
+        assert self._batches is not None
+        rows = self._batches.at(tick // QUANTUM_NS, self._live)
         if self._skips:
-            due = due[number % self._ticks[due] == 0]
             self._mean.feel(sensors.accel_mps2)
-        self._due = due
-        if not len(due):
-            return
-        after = motion_of(sensors, self._home_up_m)
-        if self._skips:
-            self._mean.put(after, due)
-        before, self._motion = (self._motion if self._motion is not None else after), after
-        self._send(before, after)
+        self._due = rows
+        if len(rows):
+            after = motion_of(sensors, self._home_up_m)
+            if self._skips:
+                self._mean.put(after, rows)
+            before, self._motion = (self._motion if self._motion is not None else after), after
+            self._send(rows, before, after)
 
-    def _send(self, before: Motion, after: Motion) -> None:
-        """Let all that are due compute the tick, all its steps without a pause: each takes one line at a time."""
-        assert self._exchanges is not None
+    def _send(self, rows: Ints, before: Motion, after: Motion) -> None:
+        """Write the lines of a tick for `rows`; let those that have them all compute, without a pause between steps."""
+        batches, exchanges = self._batches, self._exchanges
+        assert batches is not None
+        assert exchanges is not None
+        written = batches.lines
         for per_tick in self._rates:
-            rows = self._due if len(self._rates) == 1 else self._due[self._per_tick[self._due] == per_tick]
-            if not len(rows):
-                continue
-            writer = self._writers[per_tick]
-            for turn in range(per_tick):
+            some = rows if len(self._rates) == 1 else rows[self._per_tick[rows] == per_tick]
+            for turn in range(per_tick if len(some) else 0):
                 motion = after if turn + 1 == per_tick else between(before, after, (turn + 1) / per_tick)
-                writer.write(stamps_s(self._steps + (turn + 1), self._step_ns), motion, turn)
-            self._exchanges.send(rows, writer.text, writer.lengths)
-        self._steps[self._due] += self._per_tick[self._due]
+                stamps = stamps_s(self._steps + (turn + 1), self._step_ns)
+                self._writer.write(written + turn, some, stamps, motion)
+        self._steps[rows] += self._per_tick[rows]
+        self._due = batches.written(rows)
+        exchanges.send(self._due, batches.lines, self._writer.text, self._writer.lengths)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
+        if self._status and not len(self._due):  # nobody computes: nobody says anything
+            return Finished(self._commands, Outbox(), self._status)
         booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
@@ -160,22 +171,26 @@ class LockstepFleet(Fleet):
             lost = np.setdiff1d(np.arange(len(self._instances)), self._live)
             self._commands[lost] = 0.0  # speed controllers without a signal stop
         self._hear(tick, outbox)
-        return Finished(self._commands, outbox, [one.status for one in self._instances])
+        self._status = [one.status for one in self._instances]
+        return Finished(self._commands, outbox, self._status)
 
     def _collect(self, deadline: float, outbox: Outbox) -> None:
         """Take the answers of all that are due, and of what each answered to the last of its steps its commands."""
-        exchanges, due = self._exchanges, self._due
+        exchanges, batches, due = self._exchanges, self._batches, self._due
         assert exchanges is not None
+        assert batches is not None
         # the last was begun last: while we wait for it the others answer too, and do not wake us one by one
         if len(due) > 1:
             self._sitls[due[-1]].await_word()
-        waiting, lost = due, False
-        for turn in range(self._rates[-1]):
-            waiting = waiting[self._per_tick[waiting] > turn]
+        waiting, lost, counts = due, False, batches.lines
+        for turn in range(int(counts[due].max())):
+            waiting = waiting[counts[waiting] > turn]
             late = exchanges.take(waiting) if len(waiting) else []
             gone = [row for row in late if not self._take_late(row, deadline, outbox)]
             if gone:
                 waiting, lost = np.setdiff1d(waiting, gone), True
+            batches.answered(waiting, turn, exchanges.answers)
+        batches.done(due)
         if lost:
             live = [row for row in self._live.tolist() if self._instances[row].alive]
             self._live = np.array(live, dtype=np.int64)

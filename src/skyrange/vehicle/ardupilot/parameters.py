@@ -165,6 +165,14 @@ def steps_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s
     return 1, max(1, math.floor(1.0 / per_tick + 1e-9))
 
 
+def moments_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> int:
+    """How many ticks with exchanges there are in a turn of ArduPilot's main loop; 1 where that is no whole number."""
+    _, ticks = steps_of(values, listed, quantum_s)
+    moments = 1.0 / (values.get(LOOP_RATE, listed.get(LOOP_RATE, 400.0)) * quantum_s * ticks)
+    whole = round(moments)
+    return whole if whole >= 1 and math.isclose(moments, whole, rel_tol=1e-9) else 1
+
+
 def refused(given: Mapping[str, float], listed: Mapping[str, float], told: Mapping[str, float]) -> Iterator[Fault]:
     """What a firmware that was given `given` as defaults, and then told `told`, has not taken over as it is.
 
