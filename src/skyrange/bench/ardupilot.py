@@ -20,7 +20,7 @@ from skyrange.vehicle.ardupilot.inventory import parameters_of
 from skyrange.vehicle.ardupilot.lines import lines
 from skyrange.vehicle.ardupilot.native import MODEL, SPEEDUP
 from skyrange.vehicle.ardupilot.packets import STANDING, stamp_s
-from skyrange.vehicle.ardupilot.parameters import LOOP_RATE, RATES, start_values, steps_of, text_of
+from skyrange.vehicle.ardupilot.parameters import LOOP_RATE, RATES, moments_of, start_values, steps_of, text_of
 from skyrange.world.airframes import AIRFRAMES
 
 QUANTUM_S = 0.0025
@@ -60,8 +60,12 @@ def _flown(
     native = physics == "native"
     values = start_values("bench", AIRFRAMES["iris"], RATES[rates], listed, 120)
     per_tick, ticks = steps_of(values, listed, QUANTUM_S)
-    bare = _alone if native else _bare
-    bare_s = bare(vehicles, text_of(values), speedup if native else per_tick / ticks) * seconds / BARE_S
+    text = text_of(values)
+    if native:
+        bare_s = _alone(vehicles, text, speedup)
+    else:
+        bare_s = _bare(vehicles, text, per_tick / ticks, per_tick * moments_of(values, listed, QUANTUM_S))
+    bare_s *= seconds / BARE_S
     options = {"physics": "native", "speedup": speedup} if native else {}
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
@@ -98,9 +102,12 @@ def _flown(
         }
 
 
-def _bare(vehicles: int, parameters: str, rate: float) -> float:
-    """Processor seconds that so many processes take for `BARE_S`, all side by side; `rate` is exchanges per tick."""
-    batch, step_ns = max(1, round(rate)), round(QUANTUM_S / rate * 1e9)
+def _bare(vehicles: int, parameters: str, rate: float, batch: int) -> float:
+    """Processor seconds that so many processes take for `BARE_S`, all side by side.
+
+    `rate` is exchanges per tick, `batch` how many go out together, as in the range.
+    """
+    step_ns = round(QUANTUM_S / rate * 1e9)
     steps = round(BARE_S * 1e9 / step_ns)
     fleet: list[LockstepSitl] = []
     with _closing(fleet), tempfile.TemporaryDirectory() as folder:

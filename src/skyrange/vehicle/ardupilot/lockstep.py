@@ -71,7 +71,7 @@ class LockstepFleet(Fleet):
         """The rows that are not lost."""
         self._due: Ints = np.empty(0, dtype=np.int64)
         """Those of them that answer in this tick."""
-        self._status: list[InstanceStatus] = []
+        self._status = [InstanceStatus.BOOTING for _ in specs]
         """As last told."""
         self._sharing: Pair | None = None
         """We and the process, where there is one alone."""
@@ -138,10 +138,10 @@ class LockstepFleet(Fleet):
             if self._skips:
                 self._mean.put(after, rows)
             before, self._motion = (self._motion if self._motion is not None else after), after
-            self._send(rows, before, after)
+            self._due = self._send(rows, before, after)
 
-    def _send(self, rows: Ints, before: Motion, after: Motion) -> None:
-        """Write the lines of a tick for `rows`; let those that have them all compute, without a pause between steps."""
+    def _send(self, rows: Ints, before: Motion, after: Motion) -> Ints:
+        """Write the lines of a tick for `rows`; let those that have all of a turn compute them, and return these."""
         batches, exchanges = self._batches, self._exchanges
         assert batches is not None
         assert exchanges is not None
@@ -153,20 +153,20 @@ class LockstepFleet(Fleet):
                 stamps = stamps_s(self._steps + (turn + 1), self._step_ns)
                 self._writer.write(written + turn, some, stamps, motion)
         self._steps[rows] += self._per_tick[rows]
-        self._due = batches.written(rows)
-        exchanges.send(self._due, batches.lines, self._writer.text, self._writer.lengths)
+        due = batches.written(rows)
+        exchanges.send(due, batches.lines, self._writer.text, self._writer.lengths)
+        return due
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
-        if self._status and not len(self._due):  # nobody computes: nobody says anything
+        if not len(self._due):  # nobody computes: nobody says anything
             return Finished(self._commands, Outbox(), self._status)
         booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
-        if len(self._due):
-            if self._sharing is not None:
-                self._sharing.give_way()
-            self._collect(deadline, outbox)
+        if self._sharing is not None:
+            self._sharing.give_way()
+        self._collect(deadline, outbox)
         if len(self._live) < len(self._instances):
             lost = np.setdiff1d(np.arange(len(self._instances)), self._live)
             self._commands[lost] = 0.0  # speed controllers without a signal stop
