@@ -5,10 +5,13 @@ No fastmath and no parallel reductions, because a run's bytes must not depend on
 numba's cache notices a change in a kernel's own file, but not in the kernels it calls from other files,
 and would go on with what those once were. So the cache's folder is named after the text of all kernel
 modules together: change one, and all are compiled anew.
+
+Nor is numba's cache made for several processes that fill it at once, as those of a live range do: `_Shared` is.
 """
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Callable
 from functools import cache
@@ -18,6 +21,8 @@ from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 from numba.core import config as numba_config
+from numba.core.caching import FunctionCache
+from numba.core.sigutils import normalize_signature
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -27,12 +32,37 @@ config: Any = numba_config
 _MARK = b"skyrange.core.compiled import kernel"
 
 
+class _Shared(FunctionCache):
+    """numba's cache of one kernel, for any number of processes at once.
+
+    numba numbers the files of a kernel's signatures in an index that it reads, extends and writes back. Two processes
+    that do so together give one number to two signatures, and the index then leads from one signature to the code of
+    the other: called, it computes on its arguments as if they were of other types, and since it is never found to be
+    the code that was asked for, it is loaded again at every call, 10 ms and 60 kB each.
+    """
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the code `data` of the signature `sig`, one process after the other."""
+        self._impl.locator.ensure_cache_path()
+        with (Path(self.cache_path) / ".lock").open("a") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # let go of when it is closed, or its process has died
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The code kept of `sig`; None if there is none, or if it is another's, and is compiled anew."""
+        found: Any = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        asked, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
+        return found if found is not None and tuple(found.signature.args) == tuple(asked) else None
+
+
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba when first called; keeps its Python type for checkers."""
     before = config.CACHE_DIR
     config.CACHE_DIR = _cache_folder() or before  # read while decorating, so it need not stay
     try:
-        return cast("Callable[P, R]", numba.njit(cache=True, fastmath=False, error_model="numpy")(function))
+        dispatcher: Any = numba.njit(fastmath=False, error_model="numpy")(function)
+        dispatcher._cache = _Shared(function)  # type: ignore[no-untyped-call]  # as cache=True does with numba's own
+        return cast("Callable[P, R]", dispatcher)
     finally:
         config.CACHE_DIR = before
 
