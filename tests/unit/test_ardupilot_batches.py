@@ -33,16 +33,13 @@ def flown(batches: Batches, loops: list[Loop], ticks: int) -> list[list[tuple[in
         rows = batches.at(tick, np.arange(len(loops)))
         if not len(rows):
             continue
-        due, counts = batches.written(rows), batches.lines
+        due, counts = batches.written(rows), batches.lines.copy()
+        answers = np.zeros((int(counts.max()), len(loops), 32), dtype=np.uint8)
         for row in due.tolist():
             sent[row].append((tick, int(counts[row])))
-        answers = np.zeros((len(loops), 32), dtype=np.uint8)
-        for turn in range(int(counts[due].max()) if len(due) else 0):
-            some = due[counts[due] > turn]
-            for row in some.tolist():
-                answers[row] = loops[row].answer()
-            batches.answered(some, turn, answers)
-        batches.done(due)
+            for turn in range(counts[row]):
+                answers[turn, row] = loops[row].answer()
+        batches.answered(due, counts, answers)
     return sent
 
 
@@ -76,9 +73,7 @@ def test_lines_that_were_lost_are_not_waited_for() -> None:
     rows = ints(0, 1)
     assert batches.written(rows).tolist() == []
     assert batches.written(rows).tolist() == [0, 1]
-    batches.answered(ints(0), 0, np.ones((2, 32), dtype=np.uint8))
-    batches.answered(ints(0), 1, np.ones((2, 32), dtype=np.uint8))
-    batches.done(rows)  # the second has restarted
+    batches.answered(rows, ints(2, 0), np.ones((2, 2, 32), dtype=np.uint8))  # the second has restarted
     assert batches.lines.tolist() == [0, 0]
     assert batches.written(rows).tolist() == [0]  # its first answer was new
     assert batches.written(ints(1)).tolist() == [1]  # nothing is known of its turns

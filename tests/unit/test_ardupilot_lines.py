@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.vehicle.ardupilot.lines import _LINE, Writer, _write, lines
-from skyrange.vehicle.ardupilot.packets import STANDING, Motion
+from skyrange.vehicle.ardupilot.lines import _LINE, Writer, _line, lines
+from skyrange.vehicle.ardupilot.packets import STANDING, Motion, between, stamp_s
 
 numbers = st.floats() | st.sampled_from((0.0, -0.0, 1.0, 0.5, 9.999999995, 999999999.5, 1e-4, 9.99999999e-5, 1e9, 1e-5))
 small = st.integers(-40, 20).flatmap(lambda e: st.floats(-10.0, 10.0).map(lambda f: f * 10.0**e))
@@ -33,11 +33,10 @@ def test_thousands_of_lines_are_what_percent_writes_and_nearly_all_are_the_kerne
     times_s = np.arange(1, count + 1) * 0.005 * (1.0 + 1e-7)
     written = lines(times_s.tolist(), Motion(rows))
     assert written == [plain(*pair) for pair in zip(times_s.tolist(), rows.tolist(), strict=True)]
-    text, lengths = np.zeros((1, count, 512), dtype=np.uint8), np.zeros((1, count), dtype=np.int64)
-    every = np.arange(count)
-    assert not _write(np.zeros_like(every), every, times_s, rows, text, lengths)
+    text = np.zeros(512, dtype=np.uint8)
+    lengths = [_line(row, text) for row in np.column_stack((times_s, rows))]
     assert 0.95 * count < np.count_nonzero(lengths) < count
-    assert lengths.max() < 400
+    assert max(lengths) < 400
 
 
 def test_powers_of_ten_and_their_neighbours() -> None:
@@ -56,14 +55,35 @@ def test_powers_of_ten_and_their_neighbours() -> None:
 def test_a_writer_keeps_each_ones_lines_apart() -> None:
     motion = Motion(np.repeat(STANDING.rows, 3, axis=0))
     motion.rows[1, 3] = math.nan  # not for the kernel
-    writer = Writer(3, 2)
-    writer.write(np.array([0, 0, 0]), np.array([0, 1, 2]), np.array([1.0, 2.0, 3.0]), motion)
+    writer, per_tick, step_ns = Writer(3, 2), np.array([1, 1, 1]), np.array([1, 2, 3]) * 10**9
+    steps = np.array([0, 4, 1])
+    writer.write(np.array([0, 1, 2]), np.array([0, 0, 0]), per_tick, steps, step_ns, motion, motion)
     first = writer.text[0].copy()
-    writer.write(np.array([1, 1, 0]), np.array([1, 2]), np.array([4.0, 5.0, 6.0]), motion)
+    writer.write(np.array([1, 2]), np.array([1, 1, 0]), per_tick, steps, step_ns, motion, motion)
+    assert steps.tolist() == [1, 6, 3]
     assert (writer.text[0, :2] == first[:2]).all()
     assert writer.lengths[1, 0] == 0
-    for at, time_s in (((1, 1), 5.0), ((0, 2), 6.0), ((0, 1), 2.0)):
-        assert writer.text[at][: writer.lengths[at]].tobytes() == plain(time_s, motion.rows[at[1]].tolist())
+    for at, step in (((1, 1), 6), ((0, 2), 3), ((0, 1), 5), ((0, 0), 1)):
+        row = at[1]
+        wanted = plain(stamp_s(step, int(step_ns[row])), motion.rows[row].tolist())
+        assert writer.text[at][: writer.lengths[at]].tobytes() == wanted
+
+
+def test_the_lines_of_a_tick_but_the_last_say_what_is_on_the_way() -> None:
+    random = np.random.default_rng(2)
+    before, after = Motion(random.normal(size=(2, 12))), Motion(random.normal(size=(2, 12)))
+    before.rows[1, 0] = math.inf  # not for the kernel
+    writer, steps = Writer(2, 4), np.array([10, 20])
+    writer.write(np.array([0, 1]), np.array([0, 1]), np.array([2, 3]), steps, np.array([1, 1]), before, after)
+    assert steps.tolist() == [12, 23]
+    for row, per_tick, first in ((0, 2, 0), (1, 3, 1)):
+        for turn in range(1, per_tick + 1):
+            at = first + turn - 1, row
+            said = after.rows[row].copy()
+            if turn < per_tick:
+                between(before.rows[row], after.rows[row], turn / per_tick, said)
+            wanted = plain(stamp_s(steps.item(row) - per_tick + turn, 1), said.tolist())
+            assert writer.text[at][: writer.lengths[at]].tobytes() == wanted
 
 
 def test_what_is_no_number_is_written_as_ever() -> None:

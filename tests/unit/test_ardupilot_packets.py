@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.agent.contracts import Sensors
 from skyrange.vehicle.ardupilot.lines import lines
-from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, motion_of, stamp_s, stamps_s
+from skyrange.vehicle.ardupilot.packets import WIDTH, MeanForce, Motion, between, commands_of, motion_of, stamp_s
 from skyrange.world import Body, World
 
 
@@ -57,11 +57,16 @@ def test_halfway_between_two_attitudes_is_half_the_turn_whatever_their_signs() -
         attitude = sign * np.array([[math.cos(half), 0.0, 0.0, math.sin(half)]])
         return Motion(np.column_stack((np.zeros((1, 3)), np.ones((1, 3)), [yaw_deg], attitude, [0.0])))
 
+    def on_the_way(sign: float, share: float) -> Motion:
+        row = np.empty((1, WIDTH))
+        between(standing(10.0, 1.0).rows[0], standing(14.0, sign).rows[0], share, row[0])
+        return Motion(row)
+
     for sign in (1.0, -1.0):
-        middle = between(standing(10.0, 1.0), standing(14.0, sign), 0.5)
+        middle = on_the_way(sign, 0.5)
         assert euler(middle.attitude[0])[2] == pytest.approx(12.0, abs=1e-3)
         assert middle.down_m[0] == 12.0
-        whole = between(standing(10.0, 1.0), standing(14.0, sign), 1.0)
+        whole = on_the_way(sign, 1.0)
         assert euler(whole.attitude[0])[2] == pytest.approx(14.0, abs=1e-9)
 
 
@@ -100,16 +105,14 @@ def test_times_cut_to_microseconds_never_lose_one(step_ns: int) -> None:
     assert clock_us == steps * step_ns // 1000
 
 
-def test_stamps_of_many_are_those_of_each() -> None:
-    steps, step_ns = np.array([0, 1, 7, 10**9]), np.array([1_250_000, 2_500_000, 5_000_000, 1_250_000])
-    each = [stamp_s(*pair) for pair in zip(steps.tolist(), step_ns.tolist(), strict=True)]
-    assert stamps_s(steps, step_ns).tolist() == each
-
-
 def test_widths_are_commands_and_no_pulse_is_none() -> None:
     def answer(*widths: int) -> bytes:
         return b"".join(width.to_bytes(2, "little") for width in widths) + bytes(24)
 
-    answers = answer(1000, 1500, 2000, 1150) + answer(0, 900, 2100, 65535)
-    commands = commands_of(np.frombuffer(answers, dtype=np.uint8).reshape(2, -1))
+    first, second, other = answer(1000, 1500, 2000, 1150), answer(0, 900, 2100, 65535), answer(1300)
+    answers = np.frombuffer(first.ljust(40) + other.ljust(40) * 2 + second.ljust(40), dtype=np.uint8).reshape(2, 2, 40)
+    commands = np.full((2, 4), 0.5)
+    commands_of(answers, np.array([0, 1]), np.array([0]), commands)
+    assert commands.tolist() == [[0.0, 0.5, 1.0, 0.15], [0.5] * 4]
+    commands_of(answers, np.array([0, 1]), np.array([1]), commands)
     assert commands.tolist() == [[0.0, 0.5, 1.0, 0.15], [0.0, 0.0, 1.0, 1.0]]

@@ -51,14 +51,19 @@ def fleet(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tu
     if request.param == "plain":
         monkeypatch.setattr(exchanges.sys, "platform", "plan9")
     processes = [Process() for _ in range(3)]
-    return processes, Exchanges(processes)
+    return processes, Exchanges(processes, 2)
 
 
-def taken(held: Exchanges, rows: list[int], within_s: float = 0.2) -> list[int]:
-    """The first width of each, -1 where no answer was taken."""
-    late = held.take(np.array(rows))
-    lost = [row for row in late if not held.take_late(row, wall_s() + within_s)]
-    widths = held.answers[:, :2].copy().view("<u2").ravel().tolist()
+def taken(held: Exchanges, rows: list[int], within_s: float = 0.2, count: int = 1) -> list[int]:
+    """The first width of the last of so many answers of each, -1 where one was not taken."""
+    held.taken[:] = 0  # as when lines are sent
+    lost = set()
+    for row in held.take(np.array(rows), np.full(3, count)):
+        while held.taken[row] < count:
+            if not held.take_late(row, wall_s() + within_s):
+                lost.add(row)
+                break
+    widths = held.answers[count - 1, :, :2].copy().view("<u2").ravel().tolist()
     return [-1 if row in lost else widths[row] for row in rows]
 
 
@@ -81,8 +86,28 @@ def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process],
         process.line.send(packet(2, 1200 + row, 29569))  # of 32 channels
     assert taken(held, [0, 1, 2]) == [1100, 1101, 1102]
     assert taken(held, [2, 0]) == [1202, 1200]
-    assert held.answers[0, 2 * 31 : 2 * 32].tobytes() == (1031).to_bytes(2, "little")
-    assert held.answers.shape[1] == exchanges.BYTES - HEAD
+    assert held.answers[0, 0, 2 * 31 : 2 * 32].tobytes() == (1031).to_bytes(2, "little")
+    assert held.answers.shape == (2, 3, exchanges.BYTES - HEAD)
+
+
+def test_all_answers_to_the_lines_of_a_turn_are_taken_at_once(fleet: tuple[list[Process], Exchanges]) -> None:
+    processes, held = fleet
+    for row, process in enumerate(processes):
+        process.says(1, 1100 + row)
+        if row == 1:
+            process.line.send(b"no servo packet")
+        process.says(2, 1200 + row)
+    assert taken(held, [0, 1, 2], count=2) == [1200, 1201, 1202]
+    assert held.answers[0, :, :2].copy().view("<u2").ravel().tolist() == [1100, 1101, 1102]
+    assert (held.taken.tolist(), processes[1].strangers) == ([2, 2, 2], 1)
+    processes[0].says(3, 1300)
+    processes[2].says(3, 1302)
+    processes[2].says(4, 1402)
+    assert taken(held, [0, 1, 2], count=2) == [-1, -1, 1402]
+    assert held.taken.tolist() == [1, 0, 2]
+    text, lengths = np.full((1, 3, 4), 65, dtype=np.uint8), np.full((1, 3), 4)
+    held.send(np.array([0]), np.ones(3, dtype=np.int64), text, lengths)
+    assert held.taken.tolist() == [0, 0, 2]
 
 
 def test_what_was_said_again_is_passed_over_and_strangers_are_counted(fleet: tuple[list[Process], Exchanges]) -> None:

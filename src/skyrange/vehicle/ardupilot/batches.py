@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.core.compiled import kernel
 from skyrange.world.airframes import MOTORS
 
 Ints = NDArray[np.int64]
@@ -20,49 +21,71 @@ class Batches:
 
     def __init__(self, per_tick: Ints, ticks: Ints, moments: Ints) -> None:
         """Arrays (n,): exchanges per tick and ticks per exchange, as `parameters.steps_of`, `moments` per turn."""
+        self.lines: Ints = np.zeros(len(ticks), dtype=np.int64)
+        """(n,) how many are written and not answered."""
         self._per_tick, self._ticks, self._moments = per_tick, ticks, moments
         self._all_at_once = not (ticks > 1).any()
-        self._each_alone = not (moments > 1).any()
-        self._waiting: Ints = np.zeros(len(ticks), dtype=np.int64)
-        """Moments whose lines are written and not sent."""
         self._wanted: Ints = moments.copy()
-        """How many go out together next."""
-        self._changed: Ints = np.zeros(len(ticks), dtype=np.int64)
-        """In which moment of those that were sent the pulses changed; the last where they did not."""
+        """The moments whose lines go out together next."""
         self._pulses: NDArray[np.uint8] = np.zeros((len(ticks), 2 * MOTORS), dtype=np.uint8)
-
-    @property
-    def lines(self) -> Ints:
-        """(n,) how many are written and not answered."""
-        return self._waiting * self._per_tick
 
     def at(self, number: int, rows: Ints) -> Ints:
         """Those of `rows` that have a moment in the tick of this number."""
-        return rows if self._all_at_once else rows[number % self._ticks[rows] == 0]
+        return rows if self._all_at_once else _at(number, self._ticks, rows)
 
     def written(self, rows: Ints) -> Ints:
         """The lines of a moment are written for `rows`; returns those of them whose lines are to be sent now."""
-        self._waiting[rows] += 1
-        if self._each_alone:
-            return rows
-        due: Ints = rows[self._waiting[rows] >= self._wanted[rows]]
-        self._changed[due] = self._waiting[due] - 1
-        return due
+        return _written(rows, self._per_tick, self._wanted, self.lines)
 
-    def answered(self, rows: Ints, turn: int, answers: NDArray[np.uint8]) -> None:
-        """`rows` have answered the line of this number, (n, bytes)."""
-        if self._each_alone:
-            return
-        pulses = answers[rows, : 2 * MOTORS]
-        moment = turn // self._per_tick[rows]
-        new = (pulses != self._pulses[rows]).any(axis=1) & (moment < self._changed[rows])
-        self._changed[rows[new]] = moment[new]
-        self._pulses[rows] = pulses
+    def answered(self, rows: Ints, taken: Ints, answers: NDArray[np.uint8]) -> None:
+        """`rows` have answered all their lines, or are lost: of `answers` (k, n, bytes) so many as `taken` (n,) has."""
+        _answered(rows, taken, answers, self._per_tick, self._moments, self._pulses, self._wanted, self.lines)
 
-    def done(self, rows: Ints) -> None:
-        """All lines of `rows` are answered, or lost."""
-        if not self._each_alone:
-            # a turn ends where the pulses change; where that is not its last moment the next batch ends with it
-            early = self._changed[rows] < self._waiting[rows] - 1
-            self._wanted[rows] = np.where(early, self._changed[rows] + 1, self._moments[rows])
-        self._waiting[rows] = 0
+
+@kernel
+def _at(number: int, ticks: Ints, rows: Ints) -> Ints:
+    there = np.empty_like(rows)
+    count = 0
+    for row in rows:
+        if number % ticks[row] == 0:
+            there[count] = row
+            count += 1
+    return there[:count]
+
+
+@kernel
+def _written(rows: Ints, per_tick: Ints, wanted: Ints, lines: Ints) -> Ints:
+    due = np.empty_like(rows)
+    count = 0
+    for row in rows:
+        lines[row] += per_tick[row]
+        if lines[row] >= wanted[row] * per_tick[row]:
+            due[count] = row
+            count += 1
+    return due[:count]
+
+
+@kernel
+def _answered(
+    rows: Ints,
+    taken: Ints,
+    answers: NDArray[np.uint8],
+    per_tick: Ints,
+    moments: Ints,
+    pulses: NDArray[np.uint8],
+    wanted: Ints,
+    lines: Ints,
+) -> None:
+    for row in rows:
+        last = lines[row] // per_tick[row] - 1
+        changed = last
+        for turn in range(taken[row] if moments[row] > 1 else 0):
+            new = False
+            for k in range(pulses.shape[1]):
+                new |= answers[turn, row, k] != pulses[row, k]
+                pulses[row, k] = answers[turn, row, k]
+            if new:
+                changed = min(changed, turn // per_tick[row])
+        # a turn ends where the pulses change; where that is not its last moment the next batch ends with it
+        wanted[row] = changed + 1 if changed < last else moments[row]
+        lines[row] = 0

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Floats
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.ardupilot.packets import Motion
+from skyrange.vehicle.ardupilot.packets import WIDTH, Motion, between, stamp_s
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -56,45 +56,74 @@ class Writer:
         self.text = np.zeros((most, count, _LENGTH), dtype=np.uint8)
         """The first line for each, the second, …, as they were last written."""
         self.lengths: Ints = np.zeros((most, count), dtype=np.int64)
+        self._said = np.zeros((most, count, 1 + WIDTH))
+        """What the lines say: time and motion."""
 
-    def write(self, which: Ints, rows: Ints, times_s: Floats, motion: Motion) -> None:
-        """Write one line more for each of `rows`, its first, second, … as `which` (n,) has it, from 0.
+    def write(
+        self, rows: Ints, first: Ints, per_tick: Ints, steps: Ints, step_ns: Ints, before: Motion, after: Motion
+    ) -> None:
+        """Write the lines of a tick for each of `rows`; all else is (n,) or has n rows.
 
-        `times_s` (n,) is the time on each one's own clock.
+        It gets `per_tick` of them, its first one at the place `first`, 0…; so many `steps` more have then been made
+        since its start, `step_ns` apart. The last says the motion `after`, those before it what is on the way there.
         """
-        if _write(which, rows, times_s, motion.rows, self.text, self.lengths):
+        if _write(rows, first, per_tick, steps, step_ns, before.rows, after.rows, self._said, self.text, self.lengths):
             return
         for row in rows:
-            at = which[row], row
-            if self.lengths[at] == 0:
-                line = _LINE % (times_s[row], *motion.rows[row].tolist())
-                self.text[at][: len(line)] = np.frombuffer(line, dtype=np.uint8)
-                self.lengths[at] = len(line)
+            for which in range(first[row], first[row] + per_tick[row]):
+                if self.lengths[which, row] == 0:
+                    line = _LINE % (*self._said[which, row].tolist(),)
+                    self.text[which, row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
+                    self.lengths[which, row] = len(line)
 
 
 def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     """The line for each aircraft; `times_s` is the time on each one's own clock."""
-    rows = np.arange(len(times_s))
-    writer = Writer(len(rows))
-    writer.write(np.zeros_like(rows), rows, np.array(times_s), motion)
-    return [row[:length].tobytes() for row, length in zip(writer.text[0], writer.lengths[0].tolist(), strict=True)]
+    text, written = np.zeros(_LENGTH, dtype=np.uint8), []
+    for row in np.column_stack((np.array(times_s), motion.rows)):
+        length = _line(row, text)
+        written.append(text[:length].tobytes() if length else _LINE % (*row.tolist(),))
+    return written
 
 
 @kernel
-def _write(which: Ints, rows: Ints, times_s: Floats, motion: Floats, text: Bytes, lengths: Ints) -> bool:
+def _write(
+    rows: Ints,
+    first: Ints,
+    per_tick: Ints,
+    steps: Ints,
+    step_ns: Ints,
+    before: Floats,
+    after: Floats,
+    said: Floats,
+    text: Bytes,
+    lengths: Ints,
+) -> bool:
     """Lengths are 0 where a number is none for this kernel; whether none is."""
     whole = True
     for i in rows:
-        line = text[which[i], i]
-        at = _copy(0, line, 0)
-        at = _fixed12(times_s[i], line, at)
-        for k in range(12):
-            if at > 0:
-                at = _copy(k + 1, line, at)
-                at = _general(motion[i, k], 9 if k < 11 else 6, line, at)
-        lengths[which[i], i] = _copy(13, line, at) if at > 0 else 0
-        whole = whole and at > 0
+        for turn in range(1, per_tick[i] + 1):
+            which = first[i] + turn - 1
+            steps[i] += 1
+            now = said[which, i]
+            now[0] = stamp_s(steps[i], step_ns[i])
+            if turn == per_tick[i]:
+                now[1:] = after[i]
+            else:
+                between(before[i], after[i], turn / per_tick[i], now[1:])
+            lengths[which, i] = _line(now, text[which, i])
+            whole = whole and lengths[which, i] > 0
     return whole
+
+
+@kernel
+def _line(said: Floats, line: Bytes) -> int:
+    """Write time and motion; how long it is, or 0 where a number is none for this kernel."""
+    at = _fixed12(said[0], line, _copy(0, line, 0))
+    for k in range(1, len(said)):
+        if at > 0:
+            at = _general(said[k], 9 if k < len(said) - 1 else 6, line, _copy(k, line, at))
+    return _copy(len(said), line, at) if at > 0 else 0
 
 
 @kernel

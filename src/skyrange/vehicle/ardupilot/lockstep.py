@@ -27,7 +27,7 @@ from skyrange.vehicle.ardupilot.batches import Batches
 from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet, Instance
 from skyrange.vehicle.ardupilot.lines import Writer
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, between, commands_of, motion_of, stamps_s
+from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, commands_of, motion_of
 from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
 
@@ -53,8 +53,6 @@ class LockstepFleet(Fleet):
         self._mean = MeanForce(len(specs))
         self._skips = False
         """Whether any has no exchange in some ticks."""
-        self._rates: list[int] = []
-        """Exchanges per tick, as some have them."""
         self._motion: Motion | None = None
         """At the last tick with exchanges."""
         self._writer = Writer(0)
@@ -104,12 +102,11 @@ class LockstepFleet(Fleet):
             moments[row] = parameters.moments_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
         self._step_ns = QUANTUM_NS * ticks // self._per_tick
         self._skips = bool((ticks > 1).any())
-        self._rates = sorted(set(self._per_tick.tolist()))
-        count = len(self._sitls)
+        count, most = len(self._sitls), int((self._per_tick * moments).max())
         self._live = np.arange(count)
-        self._exchanges = Exchanges(self._sitls)
+        self._exchanges = Exchanges(self._sitls, most)
         self._batches = Batches(self._per_tick, ticks, moments)
-        self._writer = Writer(count, int((self._per_tick * moments).max()))
+        self._writer = Writer(count, most)
         if count == 1:
             self._sharing = Pair(self._sitls[0].program)
 
@@ -145,14 +142,7 @@ class LockstepFleet(Fleet):
         batches, exchanges = self._batches, self._exchanges
         assert batches is not None
         assert exchanges is not None
-        written = batches.lines
-        for per_tick in self._rates:
-            some = rows if len(self._rates) == 1 else rows[self._per_tick[rows] == per_tick]
-            for turn in range(per_tick if len(some) else 0):
-                motion = after if turn + 1 == per_tick else between(before, after, (turn + 1) / per_tick)
-                stamps = stamps_s(self._steps + (turn + 1), self._step_ns)
-                self._writer.write(written + turn, some, stamps, motion)
-        self._steps[rows] += self._per_tick[rows]
+        self._writer.write(rows, batches.lines, self._per_tick, self._steps, self._step_ns, before, after)
         due = batches.written(rows)
         exchanges.send(due, batches.lines, self._writer.text, self._writer.lengths)
         return due
@@ -182,20 +172,18 @@ class LockstepFleet(Fleet):
         # the last was begun last: while we wait for it the others answer too, and do not wake us one by one
         if len(due) > 1:
             self._sitls[due[-1]].await_word()
-        waiting, lost, counts = due, False, batches.lines
-        for turn in range(int(counts[due].max())):
-            waiting = waiting[counts[waiting] > turn]
-            late = exchanges.take(waiting) if len(waiting) else []
-            gone = [row for row in late if not self._take_late(row, deadline, outbox)]
-            if gone:
-                waiting, lost = np.setdiff1d(waiting, gone), True
-            batches.answered(waiting, turn, exchanges.answers)
-        batches.done(due)
+        lost = False
+        for row in exchanges.take(due, batches.lines):
+            while exchanges.taken[row] < batches.lines[row]:
+                if not self._take_late(row, deadline, outbox):
+                    lost = True
+                    break
+        batches.answered(due, exchanges.taken, exchanges.answers)
         if lost:
             live = [row for row in self._live.tolist() if self._instances[row].alive]
             self._live = np.array(live, dtype=np.int64)
             due = np.intersect1d(due, self._live)
-        self._commands[due] = commands_of(exchanges.answers[due])
+        commands_of(exchanges.answers, exchanges.taken - 1, due, self._commands)
 
     def _take_late(self, row: int, deadline: float, outbox: Outbox) -> bool:
         """Whether more answers to this tick will come of one whose answer was not there as usual."""

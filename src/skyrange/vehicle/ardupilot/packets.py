@@ -19,8 +19,10 @@ PWM_MIN: Final = 1000.0
 PWM_RANGE: Final = 1000.0
 """MOT_PWM_MIN, and from there to MOT_PWM_MAX, as ArduCopter has them."""
 _ROOT: Final = math.sqrt(0.5)
-_GYRO, _FORCE, _DOWN, _ATTITUDE, _RANGE, _WIDTH = 0, 3, 6, 7, 11, 12
-"""Where what begins in a row of `Motion`, and how long it is."""
+_GYRO, _FORCE, _DOWN, _ATTITUDE, _RANGE = 0, 3, 6, 7, 11
+"""Where what begins in a row of `Motion`."""
+WIDTH: Final = 12
+"""How long it is."""
 
 
 class Motion:
@@ -64,7 +66,7 @@ STANDING: Final = Motion(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 1.0,
 
 def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
     """The same in ArduPilot's frames. What ArduPilot makes a compass of is the true attitude."""
-    rows = np.empty((len(home_up_m), _WIDTH))
+    rows = np.empty((len(home_up_m), WIDTH))
     _turn(
         sensors.gyro_radps, sensors.accel_mps2, sensors.baro_up_m, sensors.attitude, sensors.rangefinder_m, home_up_m,
         rows,
@@ -90,29 +92,24 @@ def _turn(
         rows[i, 11] = above[i]
 
 
-def between(before: Motion, after: Motion, share: float) -> Motion:
-    """The motion `share` of the way from one to the next; the specific force is the mean over the way already."""
-    rows = np.empty_like(after.rows)
-    _blend(before.rows, after.rows, share, rows)
-    return Motion(rows)
-
-
 @kernel
-def _blend(before: Floats, after: Floats, share: float, rows: Floats) -> None:
-    for i in range(len(rows)):
-        for k in range(12):
-            rows[i, k] = before[i, k] * (1.0 - share) + after[i, k] * share
-        rows[i, 3], rows[i, 4], rows[i, 5], rows[i, 11] = after[i, 3], after[i, 4], after[i, 5], after[i, 11]
-        along = 0.0
-        for k in range(7, 11):
-            along += before[i, k] * after[i, k]
-        sign = -1.0 if along < 0.0 else 1.0  # both signs are the same attitude
-        square = 0.0
-        for k in range(7, 11):
-            rows[i, k] = before[i, k] * sign * (1.0 - share) + after[i, k] * share
-            square += rows[i, k] * rows[i, k]
-        for k in range(7, 11):
-            rows[i, k] /= math.sqrt(square)
+def between(before: Floats, after: Floats, share: float, row: Floats) -> None:
+    """Put into `row` the motion `share` of the way from one row to the next.
+
+    The specific force is the mean over the way already.
+    """
+    along = 0.0
+    for k in range(_ATTITUDE, _RANGE):
+        along += before[k] * after[k]
+    sign = -1.0 if along < 0.0 else 1.0  # both signs are the same attitude
+    for k in range(WIDTH):
+        row[k] = before[k] * (sign if _ATTITUDE <= k < _RANGE else 1.0) * (1.0 - share) + after[k] * share
+    row[3], row[4], row[5], row[11] = after[3], after[4], after[5], after[11]
+    square = 0.0
+    for k in range(_ATTITUDE, _RANGE):
+        square += row[k] * row[k]
+    for k in range(_ATTITUDE, _RANGE):
+        row[k] /= math.sqrt(square)
 
 
 class MeanForce:
@@ -124,12 +121,19 @@ class MeanForce:
 
     def feel(self, force_mps2: Floats) -> None:
         """The specific forces of a tick: (n, 3), forward-left-up as sensors have them."""
-        self._sum += force_mps2
-        self._ticks += 1.0
+        _feel(force_mps2, self._sum, self._ticks)
 
     def put(self, motion: Motion, due: NDArray[np.int64]) -> None:
         """Put the means in place of the last tick's; the rows that are `due` begin anew."""
         _mean(self._sum, self._ticks, due, motion.rows)
+
+
+@kernel
+def _feel(force: Floats, total: Floats, ticks: Floats) -> None:
+    for i in range(len(force)):
+        for k in range(3):
+            total[i, k] += force[i, k]
+        ticks[i, 0] += 1.0
 
 
 @kernel
@@ -143,26 +147,19 @@ def _mean(total: Floats, ticks: Floats, due: NDArray[np.int64], rows: Floats) ->
         total[i, 0] = total[i, 1] = total[i, 2] = ticks[i, 0] = 0.0
 
 
+@kernel
 def stamp_s(step: int, step_ns: int) -> float:
     """The time of a step since its start: a hair late, because ArduPilot cuts what is below a microsecond."""
     return step * step_ns * 1e-9 * (1.0 + 1e-7)
 
 
-def stamps_s(steps: NDArray[np.int64], step_ns: NDArray[np.int64]) -> Floats:
-    """The same for many."""
-    return np.asarray(steps * step_ns * 1e-9 * (1.0 + 1e-7), dtype=np.float64)
-
-
-def commands_of(answers: NDArray[np.uint8]) -> Floats:
-    """(n, motors) commands 0…1 of what processes answer, (n, bytes); motors in ArduCopter's order, 0 µs is no pulse."""
-    commands = np.empty((len(answers), MOTORS))
-    _scale(answers, commands)
-    return commands
-
-
 @kernel
-def _scale(answers: NDArray[np.uint8], commands: Floats) -> None:
-    for i in range(len(answers)):
+def commands_of(answers: NDArray[np.uint8], last: NDArray[np.int64], rows: NDArray[np.int64], commands: Floats) -> None:
+    """Put into `commands` (n, motors) what each of `rows` wants: of its answers (k, n, bytes) the `last` (n,).
+
+    Commands are 0…1, motors in ArduCopter's order; 0 µs is no pulse.
+    """
+    for i in rows:
         for m in range(MOTORS):
-            width = np.int64(answers[i, 2 * m]) | np.int64(answers[i, 2 * m + 1]) << 8
+            width = np.int64(answers[last[i], i, 2 * m]) | np.int64(answers[last[i], i, 2 * m + 1]) << 8
             commands[i, m] = min(max((width - PWM_MIN) / PWM_RANGE, 0.0), 1.0)
