@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from skyrange.io import exchanges
 from skyrange.io.exchanges import Exchanges
@@ -54,6 +55,16 @@ def fleet(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tu
     return processes, Exchanges(processes, 2)
 
 
+def written(lines: list[list[bytes]]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Text and lengths of lines by turn and process."""
+    shape = len(lines), len(lines[0])
+    text, lengths = np.zeros((*shape, 64), dtype=np.uint8), np.zeros(shape, dtype=np.int64)
+    for turn, row in np.ndindex(shape):
+        lengths[turn, row] = len(lines[turn][row])
+        text[turn, row, : lengths[turn, row]] = np.frombuffer(lines[turn][row], dtype=np.uint8)
+    return text, lengths
+
+
 def taken(held: Exchanges, rows: list[int], within_s: float = 0.2, count: int = 1) -> list[int]:
     """The first width of the last of so many answers of each, -1 where one was not taken."""
     held.taken[:] = 0  # as when lines are sent
@@ -69,13 +80,9 @@ def taken(held: Exchanges, rows: list[int], within_s: float = 0.2, count: int = 
 
 def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process], Exchanges]) -> None:
     processes, held = fleet
-    lines = [[b"first", b"of no matter", b"third"], [b"first again", b"nor this", b"third again"]]
-    text, lengths = np.zeros((2, 3, 64), dtype=np.uint8), np.zeros((2, 3), dtype=np.int64)
-    for turn, row in np.ndindex(2, 3):
-        lengths[turn, row] = len(lines[turn][row])
-        text[turn, row, : lengths[turn, row]] = np.frombuffer(lines[turn][row], dtype=np.uint8)
-    held.send(np.array([0, 2]), np.array([1, 2, 2]), text, lengths)
-    assert [processes[row].line.recv(100) for row in (0, 2)] == [b"first", b"third"]
+    lines = [[b"first", b"of no matter", b"third, once"], [b"first again", b"nor this", b"third again"]]
+    held.send(np.array([0, 2]), np.array([1, 2, 2]), *written(lines))
+    assert [processes[row].line.recv(100) for row in (0, 2)] == [b"first", b"third, once"]
     assert processes[2].line.recv(100) == b"third again"
     for one in processes[:2]:
         one.line.settimeout(0.05)
@@ -88,6 +95,30 @@ def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process],
     assert taken(held, [2, 0]) == [1202, 1200]
     assert held.answers[0, 0, 2 * 31 : 2 * 32].tobytes() == (1031).to_bytes(2, "little")
     assert held.answers.shape == (2, 3, exchanges.BYTES - HEAD)
+
+
+def test_lines_of_several_lengths_are_datagrams_of_their_own(fleet: tuple[list[Process], Exchanges]) -> None:
+    processes, held = fleet
+    held.send(np.array([0, 1, 2]), np.array([2, 2, 1]), *written([[b"1", b"222", b"3"], [b"4444", b"5", b"66"]]))
+    heard = [[processes[row].line.recv(100) for _ in range(count)] for row, count in enumerate((2, 2, 1))]
+    assert heard == [[b"1", b"4444"], [b"222", b"5"], [b"3"]]
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_one_alone_gets_its_lines_by_one_call_where_there_is_one(
+    together: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not together:
+        monkeypatch.setattr(exchanges, "_segments", lambda: False)
+    elif not exchanges._segments():
+        pytest.skip("UDP_SEGMENT is not there")
+    process = Process()
+    held = Exchanges([process], 3)
+    for lines in ([b"1", b"4444"], [b"222", b"5"], [b"1", b"22", b"1"], [b"1"]):
+        held.send(np.array([0]), np.array([len(lines)]), *written([[line] for line in lines]))
+        heard = [process.line.recv(100) for _ in lines]
+        # by one call, each datagram but the last is as long as the longest
+        assert heard == [line.ljust(max(map(len, lines)) if together else 0) for line in lines[:-1]] + lines[-1:]
 
 
 def test_all_answers_to_the_lines_of_a_turn_are_taken_at_once(fleet: tuple[list[Process], Exchanges]) -> None:

@@ -31,6 +31,13 @@ _ADDRESS: Final = 16
 """Bytes of Linux' `sockaddr_in`, of which the first eight say something: family, port and address (ip(7))."""
 _PLACE: Final = 8
 
+_UDP_SEGMENT: Final = 103
+"""linux/udp.h, Linux 4.18: one call sends several datagrams of a size, the last may be shorter."""
+_SEGMENT_LENGTH: Final = 18
+"""Of the `cmsghdr` that says how long they are: two words of eight bytes, and two bytes (cmsg(3))."""
+_BLANK: Final = ord(" ")
+
+_sendmsg: Any = types.ExternalFunction("sendmsg", types.int64(types.int32, types.voidptr, types.int32))
 _sendto: Any = types.ExternalFunction(
     "sendto", types.int64(types.int32, types.voidptr, types.uint64, types.int32, types.voidptr, types.uint32)
 )
@@ -55,6 +62,14 @@ class Exchanges:
         self._heard = np.zeros((most, count, BYTES), dtype=np.uint8)
         self._sizes: Ints = np.zeros(count, dtype=np.int64)
         self._senders = np.zeros((count, _ADDRESS), dtype=np.uint8)
+        self._envelope: Ints = np.zeros(7, dtype=np.int64)
+        """Linux' `msghdr`: peer and its length, parts and how many, control and its length, flags."""
+        # one alone would be woken by its first line, take our core, and sleep until we have sent it the next;
+        # of several each finds a core or waits for one, and what is saved here costs them as much (measured)
+        together = self._compiled and count == 1 and _segments()
+        self._parts: Ints = np.zeros((most if together else 0, 2), dtype=np.int64)
+        """An `iovec` per line, address and length; none where lines go out one by one."""
+        self._control = np.array([_SEGMENT_LENGTH, socket.IPPROTO_UDP | _UDP_SEGMENT << 32, 0])
         self._odd = np.zeros(count, dtype=np.bool_)
         """Whether something was read of each that `LockstepSitl` has to judge."""
         for row in range(count):
@@ -68,11 +83,15 @@ class Exchanges:
     def send(self, rows: Ints, counts: Ints, text: Bytes, lengths: Ints) -> None:
         """Let each of `rows` compute as many steps as `counts` (n,) has; it has answered all before.
 
-        Its lines are its rows of `text` (k, n, bytes), so long as `lengths` (k, n) has. One after the other gets all of
-        them: a process that has them does not fall asleep between two steps.
+        Its lines are its rows of `text` (k, n, bytes), so long as `lengths` (k, n) has; blanks may follow one in `text`
+        and on the way. One after the other gets all of them: a process that has them does not fall asleep between two
+        steps.
         """
         if self._compiled:
-            _send(rows, counts, self._sockets, self._peers, text, lengths, self.taken)
+            _send(
+                rows, counts, self._sockets, self._peers, text, lengths, self.taken, self._envelope, self._parts,
+                self._control,
+            )  # fmt: skip
             return
         self.taken[rows] = 0
         for row in rows.tolist():
@@ -121,14 +140,57 @@ class Exchanges:
         self._counts[row] = sitl.count
 
 
+def _segments() -> bool:
+    """Whether the system sends several datagrams by one call, with the numbers above where they are expected."""
+    if struct.calcsize("P") != 8 or sys.byteorder != "little":
+        return False
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.setsockopt(socket.IPPROTO_UDP, _UDP_SEGMENT, 0)
+        except OSError:
+            return False
+    return True
+
+
 @kernel
 def _send(
-    rows: Ints, counts: Ints, sockets: NDArray[np.int32], peers: Bytes, text: Bytes, lengths: Ints, taken: Ints
+    rows: Ints,
+    counts: Ints,
+    sockets: NDArray[np.int32],
+    peers: Bytes,
+    text: Bytes,
+    lengths: Ints,
+    taken: Ints,
+    envelope: Ints,
+    parts: Ints,
+    control: Ints,
 ) -> None:
     for row in rows:  # one that has died is told by its answer
         taken[row] = 0
+        if 1 < counts[row] <= len(parts):
+            _stuff(text[: counts[row], row], lengths[: counts[row], row], peers[row], envelope, parts, control)
+            if _sendmsg(sockets[row], envelope.ctypes, 0) >= 0:
+                continue
         for turn in range(counts[row]):
             _sendto(sockets[row], text[turn, row].ctypes, lengths[turn, row], 0, peers[row].ctypes, _ADDRESS)
+
+
+@kernel
+def _stuff(lines: Bytes, lengths: Ints, peer: Bytes, envelope: Ints, parts: Ints, control: Ints) -> None:
+    """Fill the envelope with some lines for a peer; all but the last are made as long as the longest."""
+    size = 0
+    for length in lengths:
+        size = max(size, length)
+    last = len(lines) - 1
+    for turn in range(len(lines)):
+        if turn < last:
+            lines[turn, lengths[turn] : size] = _BLANK
+        parts[turn, 0] = lines[turn].ctypes.data
+        parts[turn, 1] = size if turn < last else lengths[turn]
+    control[2] = size
+    envelope[0], envelope[1] = peer.ctypes.data, _ADDRESS
+    envelope[2], envelope[3] = parts.ctypes.data, len(lines)
+    envelope[4], envelope[5] = control.ctypes.data, 8 * len(control)
 
 
 @kernel
