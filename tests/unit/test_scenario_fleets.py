@@ -45,6 +45,17 @@ def test_they_stand_apart_and_a_greater_count_moves_none():
     assert set(around) <= places  # none is left out that is nearer than the farthest
 
 
+@pytest.mark.parametrize("spacing_m", [(0.001, 10_000.0), (10_000.0, 0.001), (1e-9, 10_000.0), (1e-300, 1.0)])
+def test_a_narrow_lattice_is_one_line_and_takes_no_longer(spacing_m):
+    many = Fleet(count=2000, spacing_m=spacing_m, plan=UP).starts()  # took minutes and all memory
+    places = {(start.east_m, start.north_m) for start in many}
+    least_m = min(spacing_m)
+    assert len(places) == 2000
+    away_m = sorted(abs(east_m + north_m) for east_m, north_m in places)
+    assert away_m == pytest.approx([least_m * ((k + 1) // 2) for k in range(2000)], abs=0.0)
+    assert Fleet(count=7, spacing_m=spacing_m, plan=UP).starts() == many[:7]
+
+
 def test_fleets_follow_the_vehicles_and_one_another():
     vehicles = flown(
         vehicles=[Vehicle(plan=square(3, 3)), Vehicle(id="b4", plan=square(3, 3))],

@@ -185,9 +185,12 @@ class Fleet(Model):
     def starts(self) -> list[Start]:
         """Where each starts: on a lattice about `start`, nearest first, equal distances by angle from east."""
         wide_m, deep_m = self.spacing_m
-        # a circle of this radius around the first holds at least `count` places of the lattice: it is a cell's
-        # diagonal larger than the circle of `count` cells' area
-        radius_m = math.sqrt(self.count * wide_m * deep_m / math.pi) + math.hypot(wide_m, deep_m)
+        # a circle of either radius around the first holds at least `count` places of the lattice: the one is a cell's
+        # diagonal larger than the circle of `count` cells' area, the other has as many in one line. The first grows
+        # without end against the cells of a narrow lattice, the second against those of a square one
+        cells_m = math.sqrt(self.count * wide_m * deep_m / math.pi) + math.hypot(wide_m, deep_m)
+        line_m = (self.count // 2 + 1) * min(wide_m, deep_m)
+        radius_m = min(cells_m, line_m)
         columns, rows = int(radius_m / wide_m), int(radius_m / deep_m)
         places = [
             (i * wide_m, j * deep_m)
@@ -195,7 +198,8 @@ class Fleet(Model):
             for j in range(-rows, rows + 1)
             if math.hypot(i * wide_m, j * deep_m) <= radius_m
         ]
-        places.sort(key=lambda place: (round(math.hypot(*place), 6), math.atan2(place[1], place[0])))
+        digits = 6 + max(0, math.ceil(-math.log10(min(wide_m, deep_m))))  # equal but for what the sums were rounded
+        places.sort(key=lambda place: (round(math.hypot(*place), digits), math.atan2(place[1], place[0])))
         first = self.start
         return [
             first.model_copy(update={"east_m": first.east_m + east_m, "north_m": first.north_m + north_m})
