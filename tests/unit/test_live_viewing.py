@@ -13,6 +13,7 @@ from skyrange.core.errors import InputError
 from skyrange.runtime.live.range import prepare
 from skyrange.runtime.live.viewing import Viewing, watched
 from skyrange.scenario.catalogue import load
+from tests.ports import OFFSET
 
 
 def said(direction: str, payload: bytes, fate: Fate = Fate.IN_FLIGHT) -> Frame:
@@ -52,5 +53,5 @@ def test_a_taken_viewers_port_ends_it_before_anything_is_written(tmp_path: Path)
         holding.listen()
         port = int(holding.getsockname()[1])
         with pytest.raises(InputError, match=f"{port} is taken"):
-            prepare(load("squares"), tmp_path / "run", port_offset=30_000, viewer_port=port)
+            prepare(load("squares"), tmp_path / "run", port_offset=OFFSET, viewer_port=port)
     assert not (tmp_path / "run").exists()
