@@ -34,18 +34,20 @@ def calls(*arguments):
 BOTH = "calls(NEIGHBOURS, EVERY_SECOND)"
 RIGHT = [45.0, 90.0]
 
-# between reading its index and writing it back, a process waits until the other one would have read it too
+# between reading its index and writing it back, a process waits until the other one has read it too; that one is kept
+# from it by a lock, or will never come
 SLOWLY = """
 from pathlib import Path
 from numba.core.caching import IndexDataCacheFile
 at_once = IndexDataCacheFile._save_index
 def slowly(self, overloads):
-    time.sleep(1.0)
+    Path(sys.argv[1], "read-" + sys.argv[2]).touch()
+    for _ in range(400):
+        if len(list(Path(sys.argv[1]).glob("read-*"))) == 2:
+            break
+        time.sleep(0.01)
     at_once(self, overloads)
 IndexDataCacheFile._save_index = slowly
-Path(sys.argv[1], "ready-" + sys.argv[2]).touch()
-while len(list(Path(sys.argv[1]).glob("ready-*"))) < 2:
-    time.sleep(0.001)
 """
 
 
