@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from tests.parity import tables
-from tests.parity.missions import DEPART_S, WATCHED, WINDS, flown
+from tests.parity.missions import DEPART_S, WATCHED, WINDS, flown, flown_at
 
 
 def main(folder: Path) -> None:
@@ -22,6 +22,12 @@ def main(folder: Path) -> None:
         if wind_mps == 0.0:
             print("### Light load\n", *tables.messages(parity, "blue/speed"), sep="\n", end="\n\n")
             print("### Operator load\n", *tables.messages(parity, f"green/{WATCHED}"), sep="\n", end="\n\n", flush=True)
+    for rates in ("single", "reduced"):
+        for wind_mps, names in WINDS.items():
+            parity = flown_at(rates, wind_mps, folder / f"{rates}-{wind_mps:g}", names)
+            print(f"\n## Rates {rates}, wind {wind_mps:g} m/s\n")
+            print("\n".join(tables.missions(parity, ("full", rates))), end="\n\n")
+            print("\n".join(tables.measures(parity, DEPART_S, ("full", rates))), end="\n\n", flush=True)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from skyrange.agent.links import TapPlacement
 from skyrange.agent.verdicts import Drop, Verdict
 from skyrange.core.time import Time, from_seconds
 from skyrange.scenario.schema import Scenario
-from skyrange.study.parity import Parity, compare
+from skyrange.study.parity import Parity, compare, compare_rates
 
 FILES = Path(__file__).parent / "missions"
 SILENT_S = 26.0
@@ -96,3 +96,8 @@ def scenario(wind_mps: float, names: Sequence[str] = tuple(PLANS)) -> Scenario:
 def flown(wind_mps: float, folder: Path, names: Sequence[str] = tuple(PLANS)) -> Parity:
     """The missions under both autopilots."""
     return compare(scenario(wind_mps, names), folder, taps=TAPS if "lost" in names else ())
+
+
+def flown_at(rates: str, wind_mps: float, folder: Path, names: Sequence[str] = tuple(PLANS)) -> Parity:
+    """The missions under ArduPilot, at its own rates and at these."""
+    return compare_rates(scenario(wind_mps, names), folder, rates, taps=TAPS if "lost" in names else ())

@@ -27,9 +27,12 @@ SMALL: Mapping[str, float] = {"s": 0.05, "m": 0.02, "m/s": 0.02, "°": 1.0, "°/
 """A relative difference of less than that says nothing."""
 
 
-def measures(parity: Parity, depart_s: float) -> Iterator[str]:
+KINDS = ("builtin", "ArduPilot")
+
+
+def measures(parity: Parity, depart_s: float, names: tuple[str, str] = KINDS) -> Iterator[str]:
     """For each measure the mission where the two are farthest apart, and how many per cent that is."""
-    yield "| measure | missions | farthest apart in | builtin | ArduPilot | difference | |"
+    yield f"| measure | missions | farthest apart in | {names[0]} | {names[1]} | difference | |"
     yield "|---|---|---|---|---|---|---|"
     for name, (words, unit) in SHOWN.items():
         rows = [row for row in parity.rows() if row.measure == name]
@@ -52,9 +55,9 @@ def measures(parity: Parity, depart_s: float) -> Iterator[str]:
     )
 
 
-def missions(parity: Parity) -> Iterator[str]:
+def missions(parity: Parity, names: tuple[str, str] = KINDS) -> Iterator[str]:
     """One row per mission: what happened, and how far apart the two aircraft were."""
-    yield "| mission | modes | items told, by both | last of both, builtin and ArduPilot | farthest apart |"
+    yield f"| mission | modes | items told, by both | last of both, {' and '.join(names)} | farthest apart |"
     yield "|---|---|---|---|---|"
     for name, one in parity.first.items():
         other = parity.second[name]

@@ -5,13 +5,12 @@ from __future__ import annotations
 import pytest
 
 from skyrange.study.reactions import TIME_S, Compared, agreement, compare, settings
-from skyrange.vehicle.ardupilot.parameters import RATES
 from tests.ardupilot import needs_arducopter
 
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory) -> list[Compared]:
-    return compare(tmp_path_factory.mktemp("gnss") / "run", settings(), RATES["reduced"])
+    return compare(tmp_path_factory.mktemp("gnss") / "run", settings())
 
 
 @needs_arducopter

@@ -13,7 +13,7 @@ import pytest
 
 from skyrange.study.parity import Parity
 from tests.ardupilot import needs_arducopter
-from tests.parity.missions import DEPART_S, WINDS, flown
+from tests.parity.missions import DEPART_S, WINDS, flown, flown_at
 
 ABSOLUTE = {
     "lift_off_s": 0.15,
@@ -82,3 +82,12 @@ def test_both_fly_alike(wind_mps: float, tmp_path: Path) -> None:
     seen = {name: one.outcome for name, one in parity.second.items() if not name.endswith("/lost")}
     assert set(seen.values()) == ends
     assert all(parity.first[name].outcome == "complete" for name in seen)
+
+
+@needs_arducopter
+@pytest.mark.parametrize("rates", ["single", "reduced"])
+@pytest.mark.parametrize("wind_mps", sorted(WINDS))
+def test_ardupilot_flies_alike_at_its_cheaper_rates(rates: str, wind_mps: float, tmp_path: Path) -> None:
+    parity = flown_at(rates, wind_mps, tmp_path, WINDS[wind_mps])
+    assert list(_strays(parity)) == []
+    assert {len(one.modes) for one in parity.second.values()} >= {2}  # they flew

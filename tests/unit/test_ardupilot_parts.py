@@ -65,6 +65,16 @@ def test_open_drone_id_has_its_transmitter_on_the_link_autopilot_unless_told_oth
         ({"SCHED_LOOP_RATE": 100.0, "SIM_RATE_HZ": 400.0}, (1, 1), 4),
         ({"SCHED_LOOP_RATE": 50.0}, (1, 4), 2),
         ({"SIM_RATE_HZ": 1200.0}, (3, 1), 1),
+        # nothing checks the gyros before arming: once in a turn is enough (names and masks of 4.6, then of 4.7)
+        ({"ARMING_CHECK": 1 << 3}, (1, 1), 1),
+        ({"ARMING_CHECK": 0}, (1, 1), 1),
+        ({"ARMING_CHECK": 1 << 4}, (2, 1), 1),
+        ({"ARMING_CHECK": 1}, (2, 1), 1),
+        ({"ARMING_CHECK": 1 << 3, "SCHED_LOOP_RATE": 100.0}, (1, 4), 1),
+        ({"ARMING_CHECK": 1 << 3, "SIM_RATE_HZ": 800.0}, (2, 1), 1),
+        ({"ARMING_SKIPCHK": 1 << 4}, (1, 1), 1),
+        ({"ARMING_SKIPCHK": -1}, (1, 1), 1),
+        ({"ARMING_SKIPCHK": 1 << 3}, (2, 1), 1),
     ],
 )
 def test_gyros_are_read_as_often_as_arming_wants(
@@ -73,6 +83,19 @@ def test_gyros_are_read_as_often_as_arming_wants(
     listed = {"SCHED_LOOP_RATE": 400.0}
     assert parameters.steps_of(values, listed, 0.0025) == steps
     assert parameters.moments_of(values, listed, 0.0025) == moments
+
+
+@pytest.mark.parametrize("listed", [{"ARMING_CHECK": 1.0}, {"ARMING_SKIPCHK": 0.0}])
+def test_rates_are_a_start_that_a_scenario_may_go_on_from(listed: dict[str, float]) -> None:
+    listed = listed | {"SCHED_LOOP_RATE": 400.0, "SIM_RATE_HZ": 1200.0}
+
+    def steps(rates: str, given: dict[str, float] | None = None) -> tuple[int, int]:
+        values = parameters.start_values("a/b", IRIS, given or {}, listed, 120, rates)
+        return parameters.steps_of(values, listed, 0.0025)
+
+    assert [steps(rates) for rates in ("full", "single", "reduced")] == [(2, 1), (1, 1), (1, 2)]
+    assert steps("single", {"ARMING_CHECK": 1.0}) == (2, 1)
+    assert steps("reduced", {"SCHED_LOOP_RATE": 400.0}) == (2, 1)
 
 
 def test_a_fix_is_said_once_at_most_five_times_a_second_in_gps_time() -> None:

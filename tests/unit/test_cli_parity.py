@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
+from skyrange.scenario.schema import Scenario
 from skyrange.study import parity, reactions
 from skyrange.study.parity import Flown, Parity
 from skyrange.study.reactions import Compared, Reaction, Setting
@@ -24,8 +26,8 @@ FOLLOWED = Reaction(None, None, (), None, 29.0)
 def compared(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     given: list[Any] = []
 
-    def compare(folder: Path, chosen: Any, params: Any, **_: Any) -> list[Compared]:
-        given.append((folder, len(chosen), dict(params)))
+    def compare(folder: Path, chosen: Any, rates: str, **_: Any) -> list[Compared]:
+        given.append((folder, len(chosen), rates))
         return [Compared(JUMP, RESET, RESET), Compared(JUMP, RESET, FOLLOWED)]
 
     monkeypatch.setattr(reactions, "compare", compare)
@@ -41,7 +43,7 @@ def flown(height_m: float, items: tuple[tuple[float, int], ...], autopilot: str)
 def test_gnss_says_how_many_are_alike_and_which_differ(compared: list[Any], tmp_path: Path) -> None:
     said = CliRunner().invoke(app, ["parity", "gnss", "--out", str(tmp_path / "g")], env={"COLUMNS": "160"})
     assert said.exit_code == 0, said.output
-    assert compared == [(tmp_path / "g", 100, {"SCHED_LOOP_RATE": 100.0, "SIM_RATE_HZ": 200.0})]
+    assert compared == [(tmp_path / "g", 100, "reduced")]
     assert "jump 30, 0, 0 m" in said.output
     assert said.output.count("differs") == 1
     assert "same outcome in 1 of 2" in said.output
@@ -51,7 +53,7 @@ def test_gnss_says_how_many_are_alike_and_which_differ(compared: list[Any], tmp_
 def test_gnss_as_json(compared: list[Any], tmp_path: Path) -> None:
     asked = ["parity", "gnss", "--out", str(tmp_path), "--rates", "full", "--json"]
     said = json.loads(CliRunner().invoke(app, asked).stdout)
-    assert compared[0][2] == {}
+    assert compared[0][2] == "full"
     assert (said["settings"], said["alike"], said["together"]) == (2, 1, 1)
     differs = said["settings_flown"][1]
     assert (differs["builtin"]["outcome"], differs["ardupilot"]["outcome"]) == ("reset", "followed")
@@ -72,3 +74,30 @@ def test_flight_says_measures_and_what_differs(monkeypatch: pytest.MonkeyPatch, 
     told = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
     assert told["apart_m"] == {"op/a": 1.0}
     assert [each["autopilot"] for each in told["flights"]] == ["builtin", "ardupilot"]
+
+
+def test_rates_are_told_by_their_names(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    one, other = (flown(height_m, ((9.0, 1),), "ardupilot") for height_m in (5.0, 4.0))
+    given: list[Any] = []
+
+    def compare_rates(scenario: Scenario, folder: Path, rates: str, **_: Any) -> Parity:
+        given.append((scenario.name, folder, rates))
+        return Parity({"op/a": one}, {"op/a": replace(other, outcome="unfinished")})
+
+    monkeypatch.setattr(parity, "compare_rates", compare_rates)
+    asked = ["parity", "rates", "squares", "--rates", "single", "--out", str(tmp_path)]
+    said = CliRunner().invoke(app, asked, env={"COLUMNS": "160"})
+    assert said.exit_code == 0, said.output
+    assert given == [("squares", tmp_path, "single")]
+    assert "op/a: outcome complete with full rates, unfinished with single rates" in said.output
+    told = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
+    assert [(each["under"], each["measures"]["height_max_m"]) for each in told["flights"]] == [
+        ("full", 5.0),
+        ("single", 4.0),
+    ]
+
+
+def test_own_rates_are_not_compared_with_themselves() -> None:
+    said = CliRunner().invoke(app, ["parity", "rates", "squares", "--rates", "full"], env={"COLUMNS": "160"})
+    assert said.exit_code == 2
+    assert "'single', 'reduced'" in said.output

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from skyrange.scenario.catalogue import load
-from skyrange.study.parity import Parity, compare, measured
+from skyrange.scenario.schema import Scenario
+from skyrange.study import parity as module
+from skyrange.study.parity import Parity, compare, compare_rates, measured
 from skyrange.study.session import fly
 
 
@@ -60,3 +63,27 @@ def test_a_difference_is_seen(flown: Parity) -> None:
 def test_one_kind_is_not_compared_with_itself(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="two kinds"):
         compare(load("squares"), tmp_path, ("builtin", "builtin"))
+
+
+def test_rates_are_flown_by_ardupilots_that_differ_in_them_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: dict[str, Scenario] = {}
+
+    def note(scenario: Scenario, folder: Path, **_: Any) -> None:
+        asked[folder.name] = scenario
+
+    monkeypatch.setattr(module, "measured", lambda _: {})
+    monkeypatch.setattr(module, "fly", note)
+    compare_rates(load("squares", ["autopilots.options.ardupilot.keep_logs=true"]), tmp_path, "single")
+    assert list(asked) == ["full", "single"]
+    for name, scenario in asked.items():
+        assert scenario.autopilots.options == {"ardupilot": {"keep_logs": True, "rates": name}}
+        assert {one.autopilot for operator in scenario.operators for one in operator.vehicles} == {"ardupilot"}
+    same = {"autopilots": asked["full"].autopilots}
+    assert asked["single"].model_copy(update=same) == asked["full"]
+
+
+def test_full_rates_are_not_compared_with_themselves(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="full rates"):
+        compare_rates(load("squares"), tmp_path, "full")

@@ -20,7 +20,7 @@ from skyrange.vehicle.ardupilot.inventory import parameters_of
 from skyrange.vehicle.ardupilot.lines import lines
 from skyrange.vehicle.ardupilot.native import MODEL, SPEEDUP
 from skyrange.vehicle.ardupilot.packets import STANDING, stamp_s
-from skyrange.vehicle.ardupilot.parameters import LOOP_RATE, RATES, moments_of, start_values, steps_of, text_of
+from skyrange.vehicle.ardupilot.parameters import LOOP_RATE, moments_of, start_values, steps_of, text_of
 from skyrange.world.airframes import AIRFRAMES
 
 QUANTUM_S = 0.0025
@@ -58,7 +58,7 @@ def _flown(
     binary = find()
     listed = parameters_of(binary.path, binary.sha256)
     native = physics == "native"
-    values = start_values("bench", AIRFRAMES["iris"], RATES[rates], listed, 120)
+    values = start_values("bench", AIRFRAMES["iris"], {}, listed, 120, rates)
     per_tick, ticks = steps_of(values, listed, QUANTUM_S)
     text = text_of(values)
     if native:
@@ -66,10 +66,10 @@ def _flown(
     else:
         bare_s = _bare(vehicles, text, per_tick / ticks, per_tick * moments_of(values, listed, QUANTUM_S))
     bare_s *= seconds / BARE_S
-    options = {"physics": "native", "speedup": speedup} if native else {}
+    options = {"rates": rates, **({"physics": "native", "speedup": speedup} if native else {})}
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        scenario = fleet_scenario(vehicles, seconds, load, remote_id, "ardupilot", RATES[rates], options)
+        scenario = fleet_scenario(vehicles, seconds, load, remote_id, "ardupilot", options)
         run = Run.start(scenario, Path(folder) / "run")
         engine: Any = next(mount.engine for mount in run.rig.wiring.engines)
         run.advance(WARM_UP_S)

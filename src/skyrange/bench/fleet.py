@@ -50,14 +50,13 @@ def fleet_scenario(
     load: str = "light",
     remote_id: bool = False,
     autopilot: str = "builtin",
-    params: Mapping[str, float] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Scenario:
     """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
 
     `load` is the telemetry that ground stations ask for, a profile of `gcs.streams`. With `remote_id` each goes round a
-    block of a downtown, broadcasts over Wi-Fi each second, hears the others and would avoid them. `params` are
-    everyone's parameters, `options` those of the autopilot's kind.
+    block of a downtown, broadcasts over Wi-Fi each second, hears the others and would avoid them. `options` are
+    those of the autopilot's kind.
     """
     # a third more than the time asks for, because corners are cut
     path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
@@ -76,7 +75,6 @@ def fleet_scenario(
             ),
             plan=path(points, alt_m=30.0, speed_mps=SPEED_MPS),
             autopilot=autopilot,
-            params=dict(params or {}),
         )
         for index in range(vehicles)
     ]

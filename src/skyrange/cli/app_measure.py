@@ -16,7 +16,8 @@ bench_app = typer.Typer(
     no_args_is_help=True,
 )
 parity_app = typer.Typer(
-    help="Compare the builtin autopilot with ArduPilot.\n\nExample: skyrange parity gnss --out runs/gnss",
+    help="Compare the builtin autopilot with ArduPilot, and ArduPilot with itself at other rates.\n\n"
+    "Example: skyrange parity gnss --out runs/gnss",
     no_args_is_help=True,
 )
 
@@ -27,9 +28,17 @@ OnAir = Annotated[
 
 
 class Rates(StrEnum):
-    """Loop rates of ArduPilot that the benchmark measures."""
+    """Loop rates of ArduPilot, as in `options.ardupilot.rates`."""
 
     FULL = "full"
+    SINGLE = "single"
+    REDUCED = "reduced"
+
+
+class OtherRates(StrEnum):
+    """Those that are not its own."""
+
+    SINGLE = "single"
     REDUCED = "reduced"
 
 
@@ -76,7 +85,11 @@ def ardupilots(
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 20.0,
     load: Telemetry = Load.LIGHT,
     rates: Annotated[
-        Rates, typer.Option(metavar="RATES", help="Loop rates: full, ArduCopter's own 400 Hz, or reduced, 100 Hz.")
+        Rates,
+        typer.Option(
+            metavar="RATES",
+            help="full, ArduCopter's own loop at 400 Hz, single, one exchange in its turn, or reduced, 100 Hz.",
+        ),
     ] = Rates.FULL,
     physics: Annotated[
         Physics, typer.Option(metavar="KIND", help="shared, our world in lockstep, or native, ArduPilot's simulation.")
@@ -142,6 +155,24 @@ def flight(
     parity.flight(scenario, out, changes or [], as_json)
 
 
+@parity_app.command("rates", epilog="Example: skyrange parity rates squares --rates single")
+def loop_rates(
+    scenario: ScenarioName,
+    rates: Annotated[
+        OtherRates,
+        typer.Option(metavar="RATES", help="reduced, 100 Hz, or single, 400 Hz with one exchange in a turn."),
+    ] = OtherRates.REDUCED,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="A folder for both runs. Default: runs/NAME-rates, then -2 …"),
+    ] = None,
+    changes: Changes = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly a scenario with all aircraft under ArduPilot, at its own rates and at cheaper ones: what does that change?"""
+    parity.rates(scenario, rates.value, out, changes or [], as_json)
+
+
 @parity_app.command(epilog="Example: skyrange parity gnss --out runs/gnss --json")
 def gnss(
     out: Annotated[
@@ -150,7 +181,7 @@ def gnss(
     ] = None,
     rates: Annotated[
         Rates,
-        typer.Option(metavar="RATES", help="Loop rates of ArduPilot: reduced, 100 Hz, or full, 400 Hz; takes longer."),
+        typer.Option(metavar="RATES", help="ArduPilot's: reduced, 100 Hz, or full or single, 400 Hz; takes longer."),
     ] = Rates.REDUCED,
     as_json: AsJson = False,
 ) -> None:

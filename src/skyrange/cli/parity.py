@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING, Any
 from skyrange.cli.commands import print_json, terminal
 
 if TYPE_CHECKING:
-    from skyrange.study.parity import Flown
+    from skyrange.study.parity import Flown, Parity
     from skyrange.study.reactions import Compared, Reaction
 
 
 def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
     """`skyrange parity flight`."""
-    from rich.table import Table
-
     from skyrange.cli.progress import progress
     from skyrange.runtime.run import free_folder
     from skyrange.scenario.catalogue import load
@@ -28,13 +26,39 @@ def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -
     folder = out if out is not None else free_folder(f"{scenario.name}-parity")
     with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
         parity = compare(scenario, folder, on_progress=on_progress)
+    _tell(scenario.name, parity, ("the builtin", "ArduPilot"), folder, as_json)
+
+
+def rates(name: str, other: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
+    """`skyrange parity rates`."""
+    from skyrange.cli.progress import progress
+    from skyrange.runtime.run import free_folder
+    from skyrange.scenario.catalogue import load
+    from skyrange.study.parity import compare_rates
+
+    scenario = load(name, changes)
+    folder = out if out is not None else free_folder(f"{scenario.name}-rates")
+    with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
+        parity = compare_rates(scenario, folder, other, on_progress=on_progress)
+    _tell(scenario.name, parity, ("full rates", f"{other} rates"), folder, as_json)
+
+
+def _tell(scenario: str, parity: Parity, names: tuple[str, str], folder: Path, as_json: bool) -> None:
+    """What two flights under `names` have in common, and what not."""
+    from rich.table import Table
+
+    short = [name.removeprefix("the ").removesuffix(" rates") for name in names]
     if as_json:
-        flights = [_flight(one) for side in (parity.first, parity.second) for one in side.values()]
+        flights = [
+            {"under": name, **_flight(one)}
+            for name, side in zip(short, (parity.first, parity.second), strict=True)
+            for one in side.values()
+        ]
         apart = {vehicle: _finite(parity.apart_m(vehicle)) for vehicle in parity.first}
         print_json({"path": str(folder), "flights": flights, "apart_m": apart})
         return
-    table = Table(title=f"{scenario.name}: builtin and ArduPilot", title_justify="left", title_style="bold")
-    for column in ("aircraft", "measure", "builtin", "ArduPilot", "difference", ""):
+    table = Table(title=f"{scenario}: {short[0]} and {names[1]}", title_justify="left", title_style="bold")
+    for column in ("aircraft", "measure", *short, "difference", ""):
         table.add_column(column, justify="left" if column in ("aircraft", "measure") else "right", no_wrap=True)
     for row in parity.rows():
         share = "" if isnan(row.relative) else f"{row.relative:+.1%}"
@@ -48,7 +72,7 @@ def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -
         for what in ("outcome", "modes", "items"):
             mine, others = (_names(getattr(each, what)) for each in (one, other))
             if mine != others:
-                console.print(f"{vehicle}: {what} {mine} with the builtin, {others} with ArduPilot", markup=False)
+                console.print(f"{vehicle}: {what} {mine} with {names[0]}, {others} with {names[1]}", markup=False)
         console.print(f"{vehicle}: at most {parity.apart_m(vehicle):.1f} m apart, from lift-off on", markup=False)
     console.print(f"runs   {folder}", soft_wrap=True, markup=False)
 
@@ -74,11 +98,10 @@ def gnss(out: Path | None, rates: str, as_json: bool) -> None:
     from skyrange.cli.progress import progress
     from skyrange.runtime.run import free_folder
     from skyrange.study.reactions import TIME_S, agreement, compare, settings
-    from skyrange.vehicle.ardupilot.parameters import RATES
 
     folder = out if out is not None else free_folder("gnss-reactions")
     with progress("100 false GNSS, twice", quiet=as_json) as on_progress:
-        compared = compare(folder, settings(), RATES[rates], on_progress=on_progress)
+        compared = compare(folder, settings(), rates, on_progress=on_progress)
     found = agreement(compared)
     if as_json:
         print_json({"path": str(folder), **asdict(found), "settings_flown": [_setting(one) for one in compared]})

@@ -1,4 +1,4 @@
-"""How differently do two kinds of autopilot fly? One scenario, flown by each, and the same measures of both.
+"""How differently do two kinds of autopilot fly, or one kind at two rates? One scenario, twice, and measures of both.
 
 Measures are of the truth, the events and the frames that an autopilot sent; nothing is taken from its own estimate.
 Times count from the lift-off or from the end of the leg before, so that one late start is one difference and not many.
@@ -114,11 +114,41 @@ def compare(
     """
     if len(set(autopilots)) < len(autopilots):
         raise ValueError(f"two kinds of autopilot are compared, not {autopilots[0]} with itself")
-    flown = []
-    for kind in autopilots:
-        record = fly(_under(scenario, kind), folder / kind, taps=taps, on_progress=on_progress, report=False)
-        flown.append(measured(record))
+    return _both({kind: _under(scenario, kind) for kind in autopilots}, folder, taps, on_progress)
+
+
+def compare_rates(
+    scenario: Scenario,
+    folder: Path,
+    rates: str = "reduced",
+    *,
+    taps: Sequence[TapPlacement] = (),
+    on_progress: OnProgress | None = None,
+) -> Parity:
+    """Fly `scenario` with all aircraft under ArduPilot, at its own rates and at others, and measure as `compare` does.
+
+    `rates` as of `options.ardupilot.rates`; "full" is ArduPilot's own, and raises `ValueError`.
+    """
+    if rates == "full":
+        raise ValueError("full rates are compared with others, not with themselves")
+    under = _under(scenario, "ardupilot")
+    return _both({each: _at(under, each) for each in ("full", rates)}, folder, taps, on_progress)
+
+
+def _both(
+    scenarios: Mapping[str, Scenario], folder: Path, taps: Sequence[TapPlacement], on_progress: OnProgress | None
+) -> Parity:
+    flown = [
+        measured(fly(scenario, folder / name, taps=taps, on_progress=on_progress, report=False))
+        for name, scenario in scenarios.items()
+    ]
     return Parity(*flown)
+
+
+def _at(scenario: Scenario, rates: str) -> Scenario:
+    options = scenario.autopilots.options
+    ours = {**options, "ardupilot": {**options.get("ardupilot", {}), "rates": rates}}
+    return scenario.model_copy(update={"autopilots": scenario.autopilots.model_copy(update={"options": ours})})
 
 
 def _under(scenario: Scenario, kind: str) -> Scenario:

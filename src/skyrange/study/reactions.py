@@ -153,8 +153,8 @@ def _drift(rate: Sequence[float], velocity: str, **more: Any) -> Setting:
     return Setting("gnss.drift", {"rate_mps": list(rate), "velocity": velocity, **more})
 
 
-def scenario(chosen: Sequence[Setting], mission: Path, params: Mapping[str, float] | None = None) -> Scenario:
-    """Both aircraft of every setting, and the attacks; `mission` is a file of `HOLD`, `params` the second's own."""
+def scenario(chosen: Sequence[Setting], mission: Path, rates: str) -> Scenario:
+    """Both aircraft of every setting, and the attacks; `mission` is a file of `HOLD`, `rates` are ArduPilot's."""
     rows = [
         {
             "id": kind,
@@ -164,7 +164,6 @@ def scenario(chosen: Sequence[Setting], mission: Path, params: Mapping[str, floa
                     "autopilot": kind,
                     "start": _start(2 * number + place),
                     "plan": {"file": str(mission), "anchor": "start"},
-                    "params": dict(params or {}) if place else {},
                 }
                 for number in range(len(chosen))
             ],
@@ -186,6 +185,7 @@ def scenario(chosen: Sequence[Setting], mission: Path, params: Mapping[str, floa
             "duration_s": START_S + SECONDS,
             "origin": {"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0},
             "sensors": {"noise": NOISE},
+            "autopilots": {"options": {"ardupilot": {"rates": rates}}},
             "operators": rows,
             "attacks": attacks,
         }
@@ -195,18 +195,18 @@ def scenario(chosen: Sequence[Setting], mission: Path, params: Mapping[str, floa
 def compare(
     folder: Path,
     chosen: Sequence[Setting],
-    params: Mapping[str, float] | None = None,
+    rates: str = "reduced",
     *,
     on_progress: OnProgress | None = None,
 ) -> list[Compared]:
     """Fly the settings, both autopilots in one run, into the run folder `folder`, and read the reactions.
 
-    `params` are ArduPilot's, beside its defaults. Raises as `session.fly`.
+    `rates` are ArduPilot's. Raises as `session.fly`.
     """
     with TemporaryDirectory() as scratch:
         mission = Path(scratch) / "hold.waypoints"
         mission.write_text(HOLD.format(alt=ALT_M, hold=START_S + SECONDS))
-        record = fly(scenario(chosen, mission, params), folder, on_progress=on_progress, report=False)
+        record = fly(scenario(chosen, mission, rates), folder, on_progress=on_progress, report=False)
     return read(record, chosen)
 
 

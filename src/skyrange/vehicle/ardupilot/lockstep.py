@@ -76,7 +76,9 @@ class LockstepFleet(Fleet):
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
         airframe = AIRFRAMES[spec.airframe]
-        return parameters.start_values(spec.vehicle, airframe, spec.params, self._listed, gnss_lag_ms)
+        return parameters.start_values(
+            spec.vehicle, airframe, spec.params, self._listed, gnss_lag_ms, self._options.rates
+        )
 
     def _launch(self, **arguments: Any) -> LockstepSitl:
         return LockstepSitl(**arguments, logs=self._options.keep_logs)

@@ -110,7 +110,7 @@ class NativeFleet(Fleet):
         return {**super().manifest, "speedup": self.pace, "slipped_s": round(self._slipped_ns / NS_PER_S, 3)}
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
-        values = parameters.native_values(spec, self._listed, gnss_lag_ms)
+        values = parameters.native_values(spec, self._listed, gnss_lag_ms, self._options.rates)
         values[SPEEDUP] = BOOT_SPEED
         return values
 

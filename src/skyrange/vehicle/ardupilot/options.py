@@ -28,6 +28,11 @@ class Options(Params):
         description="Simulated seconds per second of the machine's clock, with native physics; more than the machine "
         "can is as fast as it can.",
     )
+    rates: Literal["full", "single", "reduced"] = Field(
+        default="full",
+        description="How often their main loops run, and how often in a turn they read their gyros: full, 400 Hz and "
+        "twice; single, 400 Hz and once, and nothing checks the gyros before arming; reduced, 100 Hz and twice.",
+    )
     keep_logs: bool = Field(default=False, description="Write DataFlash logs, and keep them in the run's folder.")
     open_port: int = Field(
         default=0,

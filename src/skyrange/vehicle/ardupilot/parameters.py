@@ -18,8 +18,15 @@ from skyrange.world.airframes import Airframe
 
 LOOP_RATE: Final = "SCHED_LOOP_RATE"
 SIM_RATE: Final = "SIM_RATE_HZ"
-RATES: Final[Mapping[str, Mapping[str, float]]] = {"full": {}, "reduced": {LOOP_RATE: 100.0, SIM_RATE: 200.0}}
-"""ArduCopter's own loop at 400 Hz, or a trade: a third of the cost."""
+INS_CHECK: Final = 1 << 4
+"""The bit of ARMING_CHECK for what is checked of gyros and accelerometers (AP_Arming.h, `Check::INS`)."""
+RATES: Final[Mapping[str, Mapping[str, float]]] = {
+    "full": {},
+    "single": {"ARMING_SKIPCHK": float(INS_CHECK)},
+    "reduced": {LOOP_RATE: 100.0, SIM_RATE: 200.0},
+}
+"""ArduCopter's own, a loop at 400 Hz with two exchanges in a turn; and two trades: one exchange in a turn, as long as
+nothing checks gyros before arming, or a slower loop."""
 OURS: Final = {
     "FRAME_CLASS": 1.0,
     "FRAME_TYPE": 1.0,  # X, as the airframes' rotors are numbered
@@ -87,14 +94,21 @@ def resolve(name: str, value: float, listed: Mapping[str, float]) -> tuple[str, 
 
 
 def start_values(
-    who: str, airframe: Airframe, given: Mapping[str, float], listed: Mapping[str, float], gnss_lag_ms: int
+    who: str,
+    airframe: Airframe,
+    given: Mapping[str, float],
+    listed: Mapping[str, float],
+    gnss_lag_ms: int,
+    rates: str = "full",
 ) -> dict[str, float]:
     """What the file of defaults says. Raises `InputError` with every name and value of `given` that is wrong."""
     own = {"MOT_THST_HOVER": hover_throttle(airframe), "MOT_THST_EXPO": airframe.thrust_expo}
-    return _values(who, {**TUNING.get(airframe.name, {}), **own}, given, listed, gnss_lag_ms)
+    return _values(who, {**TUNING.get(airframe.name, {}), **own, **RATES[rates]}, given, listed, gnss_lag_ms)
 
 
-def native_values(spec: VehicleSpec, listed: Mapping[str, float], gnss_lag_ms: int) -> dict[str, float]:
+def native_values(
+    spec: VehicleSpec, listed: Mapping[str, float], gnss_lag_ms: int, rates: str = "full"
+) -> dict[str, float]:
     """The same for ArduPilot's own quadcopter, in the wind that is known before the run."""
     east_mps, north_mps, up_mps = spec.wind_enu_mps
     level_mps = math.hypot(east_mps, north_mps)
@@ -104,7 +118,7 @@ def native_values(spec: VehicleSpec, listed: Mapping[str, float], gnss_lag_ms: i
         "SIM_WIND_DIR_Z": math.degrees(math.atan2(up_mps, level_mps)),
         "SIM_WIND_T": 1.0,  # the same at all heights
     }
-    return _values(spec.vehicle, {**NATIVE, **wind}, spec.params, listed, gnss_lag_ms)
+    return _values(spec.vehicle, {**NATIVE, **wind, **RATES[rates]}, spec.params, listed, gnss_lag_ms)
 
 
 def _values(
@@ -154,15 +168,24 @@ def text_of(values: Mapping[str, float]) -> str:
 def steps_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> tuple[int, int]:
     """How time is cut: (exchanges per tick, ticks per exchange), one of them 1.
 
-    ArduPilot arms only if its gyros are read 1.8 times as often as its loop runs (AP_Arming.cpp, `ins_checks`), and
-    reads them once per exchange; SIM_RATE_HZ may ask for more.
+    ArduPilot reads its gyros once per exchange, and waits for them in each turn of its loop. It arms only if they are
+    read 1.8 times as often (AP_Arming.cpp, `ins_checks`), unless its arming checks leave them out. SIM_RATE_HZ may ask
+    for more.
     """
     loop_hz = values.get(LOOP_RATE, listed.get(LOOP_RATE, 400.0))
-    least_hz = max(1.8 * loop_hz, values.get(SIM_RATE, 0.0))
+    least_hz = max((1.8 if _checks_gyros(values, listed) else 1.0) * loop_hz, values.get(SIM_RATE, 0.0))
     per_tick = least_hz * quantum_s
     if per_tick > 0.5 + 1e-9:
         return max(1, math.ceil(per_tick - 1e-9)), 1
     return 1, max(1, math.floor(1.0 / per_tick + 1e-9))
+
+
+def _checks_gyros(values: Mapping[str, float], listed: Mapping[str, float]) -> bool:
+    for name in ("ARMING_CHECK", "ARMING_SKIPCHK"):
+        if name in values or name in listed:
+            value = values[name] if name in values else listed[name]
+            return bool(int(to_nominal(name, value)) & (1 | INS_CHECK))  # 1 stands for all of them
+    return True
 
 
 def moments_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> int:
