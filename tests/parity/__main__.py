@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from tests.parity import tables
+from tests.parity.hover import hovered
 from tests.parity.missions import DEPART_S, WATCHED, WINDS, flown, flown_at
 
 
@@ -22,6 +23,10 @@ def main(folder: Path) -> None:
         if wind_mps == 0.0:
             print("### Light load\n", *tables.messages(parity, "blue/speed"), sep="\n", end="\n\n")
             print("### Operator load\n", *tables.messages(parity, f"green/{WATCHED}"), sep="\n", end="\n\n", flush=True)
+    print("\n## Sensors that err\n\n| measure | builtin | ArduPilot | difference |\n|---|---|---|---|")
+    builtin, ardupilot = hovered(folder / "hover")
+    for name, value in ardupilot.items():
+        print(f"| {name} | {builtin[name]:.3f} | {value:.3f} | {builtin[name] / value - 1.0:+.1%} |", flush=True)
     for rates in ("single", "reduced"):
         for wind_mps, names in WINDS.items():
             parity = flown_at(rates, wind_mps, folder / f"{rates}-{wind_mps:g}", names)
