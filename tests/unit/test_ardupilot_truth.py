@@ -9,6 +9,7 @@ import pytest
 from pydantic import ValidationError
 
 from skyrange.agent.contracts import Engine
+from skyrange.bench.ardupilot import measure
 from skyrange.codec.mavlink import dialect
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
@@ -97,6 +98,14 @@ def test_speedup_is_for_native_physics() -> None:
         Options(speedup=5.0)
     with pytest.raises(ValidationError):
         Options(physics="native", speedup=0.0)
+
+
+def test_one_exchange_in_a_turn_is_for_physics_with_exchanges() -> None:
+    assert Options(physics="native", rates="reduced").rates == "reduced"
+    with pytest.raises(ValidationError, match="'full' or 'reduced' with native physics"):
+        Options(physics="native", rates="single")
+    with pytest.raises(InputError, match="full or reduced with native physics"):
+        measure(1, 1.0, rates="single", physics="native")
 
 
 def test_the_pace_of_wall_engines_is_the_runs() -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyrange.core.errors import InputError
 from skyrange.scenario.catalogue import load
 from skyrange.scenario.schema import Scenario
 from skyrange.study import parity as module
@@ -82,6 +83,13 @@ def test_rates_are_flown_by_ardupilots_that_differ_in_them_alone(
         assert {one.autopilot for operator in scenario.operators for one in operator.vehicles} == {"ardupilot"}
     same = {"autopilots": asked["full"].autopilots}
     assert asked["single"].model_copy(update=same) == asked["full"]
+
+
+def test_rates_that_do_not_go_with_the_scenario_are_told_before_it_flies(tmp_path: Path) -> None:
+    scenario = load("squares", ["autopilots.options.ardupilot.physics=native"])
+    with pytest.raises(InputError, match=r"options\.ardupilot\.rates: 'single' — expected 'full' or 'reduced'"):
+        compare_rates(scenario, tmp_path, "single")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_full_rates_are_not_compared_with_themselves(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from skyrange.bench.apart import apart
 from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
+from skyrange.core.errors import Fault, InputError
 from skyrange.core.time import to_seconds
 from skyrange.io.sitl import LockstepSitl, Sitl, wall_s
 from skyrange.record import load as load_record
@@ -45,8 +46,10 @@ def measure(
     core would carry in real time, by processor time. `bare_cpu_s` is what as many processes take for as many seconds
     with nothing around them, standing still, measured right before: fed by the least loop there is, or left alone
     with their own physics; `over_bare` the whole over that, `ours_over_bare` our part. `loop_hz` and `exchanges_hz`
-    (0: none) are what ran; `flying` as in `bench fleet`.
+    (0: none) are what ran; `flying` as in `bench fleet`. Raises `InputError` for rates that native physics has not.
     """
+    if physics == "native" and rates == "single":
+        raise InputError("bench ardupilot", [Fault("rates", "single", "full or reduced with native physics")])
     return apart(
         f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, load, rates, physics, speedup, remote_id
     )

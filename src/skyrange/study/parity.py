@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from skyrange.agent.links import TapPlacement
 from skyrange.codec.mavlink import decode, message_name
@@ -19,6 +20,8 @@ from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
+from skyrange.scenario.autopilots import Autopilots
+from skyrange.scenario.faults import input_error
 from skyrange.scenario.schema import Scenario
 from skyrange.study.deviation import AIRBORNE_M, deviations_m
 from skyrange.study.series import Happening, Vehicle, happenings, truth_tracks, vehicles
@@ -127,7 +130,8 @@ def compare_rates(
 ) -> Parity:
     """Fly `scenario` with all aircraft under ArduPilot, at its own rates and at others, and measure as `compare` does.
 
-    `rates` as of `options.ardupilot.rates`; "full" is ArduPilot's own, and raises `ValueError`.
+    `rates` as of `options.ardupilot.rates`; "full" is ArduPilot's own, and raises `ValueError`. Raises `InputError`
+    where the scenario's other options do not go with them.
     """
     if rates == "full":
         raise ValueError("full rates are compared with others, not with themselves")
@@ -147,8 +151,13 @@ def _both(
 
 def _at(scenario: Scenario, rates: str) -> Scenario:
     options = scenario.autopilots.options
-    ours = {**options, "ardupilot": {**options.get("ardupilot", {}), "rates": rates}}
-    return scenario.model_copy(update={"autopilots": scenario.autopilots.model_copy(update={"options": ours})})
+    told = scenario.autopilots.model_dump()
+    told["options"] = {**options, "ardupilot": {**options.get("ardupilot", {}), "rates": rates}}
+    try:
+        autopilots = Autopilots.model_validate(told)
+    except ValidationError as error:
+        raise input_error(f"{scenario.name} at rates {rates}", error, Autopilots, told) from None
+    return scenario.model_copy(update={"autopilots": autopilots})
 
 
 def _under(scenario: Scenario, kind: str) -> Scenario:

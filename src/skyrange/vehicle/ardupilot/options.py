@@ -52,3 +52,10 @@ class Options(Params):
             hint = 'Lockstep goes as fast as it can, or as --speed says; or set physics = "native".'
             raise refuse(Fault("speedup", f"{self.speedup:g}", "left out with shared physics", hint))
         return self
+
+    @model_validator(mode="after")
+    def _only_shared_is_exchanged(self) -> Options:
+        if self.physics == "native" and self.rates == "single":
+            hint = "It makes fewer exchanges with our physics, and native physics has none."
+            raise refuse(Fault("rates", "'single'", "'full' or 'reduced' with native physics", hint))
+        return self
