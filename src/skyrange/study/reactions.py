@@ -153,7 +153,7 @@ def _drift(rate: Sequence[float], velocity: str, **more: Any) -> Setting:
     return Setting("gnss.drift", {"rate_mps": list(rate), "velocity": velocity, **more})
 
 
-def scenario(chosen: Sequence[Setting], mission: Path, rates: str) -> Scenario:
+def scenario(chosen: Sequence[Setting], mission: Path, rates: str = "reduced") -> Scenario:
     """Both aircraft of every setting, and the attacks; `mission` is a file of `HOLD`, `rates` are ArduPilot's."""
     rows = [
         {
