@@ -10,7 +10,7 @@ import pytest
 
 from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, measure
 from skyrange.bench.sampling import PARTS, Sampler
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import InputError
 from skyrange.gcs.routes import estimated_duration_s
 from skyrange.scenario.flight import flight_plan
 
@@ -54,7 +54,7 @@ def test_json_is_a_list_of_rows() -> None:
 
 
 def test_a_bench_that_cannot_run_says_so() -> None:
-    with pytest.raises(ComponentError, match="bench with 0 aircraft"):
+    with pytest.raises(InputError, match="operators: none — expected at least one operator"):
         measure(0, 1.0)
 
 

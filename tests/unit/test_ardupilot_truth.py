@@ -104,7 +104,7 @@ def test_one_exchange_in_a_turn_is_for_physics_with_exchanges() -> None:
     assert Options(physics="native", rates="reduced").rates == "reduced"
     with pytest.raises(ValidationError, match="'full' or 'reduced' with native physics"):
         Options(physics="native", rates="single")
-    with pytest.raises(InputError, match="full or reduced with native physics"):
+    with pytest.raises(InputError, match="'full' or 'reduced' with native physics"):
         measure(1, 1.0, rates="single", physics="native")
 
 

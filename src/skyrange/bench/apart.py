@@ -7,27 +7,35 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 from typing import Any
 
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import ComponentError, SkyrangeError
 
 Row = dict[str, Any]
 
 
 def apart(name: str, function: Callable[..., Row], *arguments: Any) -> Row:
-    """What `function` returns, called in a process of its own. `ComponentError`, by `name`, where that ends early."""
+    """What `function` returns, called in a process of its own.
+
+    Raises what it raises of our own errors, and `ComponentError`, by `name`, where the process ends early.
+    """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(sender, function, *arguments))
     process.start()
     sender.close()
     try:
-        row: Row = receiver.recv()
+        answer: Row | SkyrangeError = receiver.recv()
     except EOFError:
         process.join()
         raise ComponentError(name, f"ended with exit code {process.exitcode}") from None
     process.join()
-    return row
+    if isinstance(answer, SkyrangeError):
+        raise answer
+    return answer
 
 
 def _answer(answer: Connection, function: Callable[..., Row], *arguments: Any) -> None:
-    answer.send(function(*arguments))
+    try:
+        answer.send(function(*arguments))
+    except SkyrangeError as error:
+        answer.send(error)
     answer.close()

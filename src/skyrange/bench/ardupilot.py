@@ -11,7 +11,6 @@ from typing import Any
 
 from skyrange.bench.apart import apart
 from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
-from skyrange.core.errors import Fault, InputError
 from skyrange.core.time import to_seconds
 from skyrange.io.sitl import LockstepSitl, Sitl, wall_s
 from skyrange.record import load as load_record
@@ -48,8 +47,6 @@ def measure(
     with their own physics; `over_bare` the whole over that, `ours_over_bare` our part. `loop_hz` and `exchanges_hz`
     (0: none) are what ran; `flying` as in `bench fleet`. Raises `InputError` for rates that native physics has not.
     """
-    if physics == "native" and rates == "single":
-        raise InputError("bench ardupilot", [Fault("rates", "single", "full or reduced with native physics")])
     return apart(
         f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, load, rates, physics, speedup, remote_id
     )
@@ -58,9 +55,11 @@ def measure(
 def _flown(
     vehicles: int, seconds: float, load: str, rates: str, physics: str, speedup: float, remote_id: bool
 ) -> dict[str, Any]:
+    native = physics == "native"
+    options = {"rates": rates, **({"physics": "native", "speedup": speedup} if native else {})}
+    scenario = fleet_scenario(vehicles, seconds, load, remote_id, "ardupilot", options)
     binary = find()
     listed = parameters_of(binary.path, binary.sha256)
-    native = physics == "native"
     values = start_values("bench", AIRFRAMES["iris"], {}, listed, 120, rates)
     per_tick, ticks = steps_of(values, listed, QUANTUM_S)
     text = text_of(values)
@@ -69,10 +68,8 @@ def _flown(
     else:
         bare_s = _bare(vehicles, text, per_tick / ticks, per_tick * moments_of(values, listed, QUANTUM_S))
     bare_s *= seconds / BARE_S
-    options = {"rates": rates, **({"physics": "native", "speedup": speedup} if native else {})}
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        scenario = fleet_scenario(vehicles, seconds, load, remote_id, "ardupilot", options)
         run = Run.start(scenario, Path(folder) / "run")
         engine: Any = next(mount.engine for mount in run.rig.wiring.engines)
         run.advance(WARM_UP_S)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from math import isnan
 from pathlib import Path
@@ -26,7 +26,7 @@ def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -
     folder = out if out is not None else free_folder(f"{scenario.name}-parity")
     with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
         parity = compare(scenario, folder, on_progress=on_progress)
-    _tell(scenario.name, parity, ("the builtin", "ArduPilot"), folder, as_json)
+    _tell(scenario.name, parity, {"builtin": "the builtin", "ArduPilot": "ArduPilot"}, folder, as_json)
 
 
 def rates(name: str, other: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
@@ -40,25 +40,25 @@ def rates(name: str, other: str, out: Path | None, changes: Sequence[str], as_js
     folder = out if out is not None else free_folder(f"{scenario.name}-rates")
     with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
         parity = compare_rates(scenario, folder, other, on_progress=on_progress)
-    _tell(scenario.name, parity, ("full rates", f"{other} rates"), folder, as_json)
+    _tell(scenario.name, parity, {"full": "full rates", other: f"{other} rates"}, folder, as_json)
 
 
-def _tell(scenario: str, parity: Parity, names: tuple[str, str], folder: Path, as_json: bool) -> None:
-    """What two flights under `names` have in common, and what not."""
+def _tell(scenario: str, parity: Parity, names: Mapping[str, str], folder: Path, as_json: bool) -> None:
+    """What two flights have in common, and what not; `names` are what stands above each, and what a sentence says."""
     from rich.table import Table
 
-    short = [name.removeprefix("the ").removesuffix(" rates") for name in names]
+    first, second = names.values()
     if as_json:
         flights = [
             {"under": name, **_flight(one)}
-            for name, side in zip(short, (parity.first, parity.second), strict=True)
+            for name, side in zip(names, (parity.first, parity.second), strict=True)
             for one in side.values()
         ]
         apart = {vehicle: _finite(parity.apart_m(vehicle)) for vehicle in parity.first}
         print_json({"path": str(folder), "flights": flights, "apart_m": apart})
         return
-    table = Table(title=f"{scenario}: {short[0]} and {names[1]}", title_justify="left", title_style="bold")
-    for column in ("aircraft", "measure", *short, "difference", ""):
+    table = Table(title=f"{scenario}: {first} and {second}", title_justify="left", title_style="bold")
+    for column in ("aircraft", "measure", *names, "difference", ""):
         table.add_column(column, justify="left" if column in ("aircraft", "measure") else "right", no_wrap=True)
     for row in parity.rows():
         share = "" if isnan(row.relative) else f"{row.relative:+.1%}"
@@ -72,7 +72,7 @@ def _tell(scenario: str, parity: Parity, names: tuple[str, str], folder: Path, a
         for what in ("outcome", "modes", "items"):
             mine, others = (_names(getattr(each, what)) for each in (one, other))
             if mine != others:
-                console.print(f"{vehicle}: {what} {mine} with {names[0]}, {others} with {names[1]}", markup=False)
+                console.print(f"{vehicle}: {what} {mine} with {first}, {others} with {second}", markup=False)
         console.print(f"{vehicle}: at most {parity.apart_m(vehicle):.1f} m apart, from lift-off on", markup=False)
     console.print(f"runs   {folder}", soft_wrap=True, markup=False)
 

@@ -9,12 +9,23 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 class SkyrangeError(Exception):
     """Base of every error this library raises on purpose."""
 
     exit_code = 3
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled as it is: not by its message, which is no argument of its own."""
+        return _remade, (type(self), self.args, self.__dict__)
+
+
+def _remade(kind: type[SkyrangeError], args: tuple[Any, ...], state: dict[str, Any]) -> SkyrangeError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
@@ -37,6 +38,16 @@ class Autopilots(Model):
                 raise refuse(Fault(f"options.{kind}", kind, "an autopilot", nearest(kind, kinds(AUTOPILOTS))))
             self.made(kind)
         return self
+
+    def told(self, kind: str, given: Mapping[str, Any], who: str) -> Autopilots:
+        """The same, but for what `kind` is told of `given`. Raises `InputError`, by `who`, where that does not fit."""
+        from skyrange.scenario.faults import input_error  # the models come first, then what speaks of them
+
+        data = self.model_dump() | {"options": {**self.options, kind: {**self.options.get(kind, {}), **given}}}
+        try:
+            return Autopilots.model_validate(data)
+        except ValidationError as error:
+            raise input_error(who, error, Autopilots, data) from None
 
     def made(self, kind: str) -> dict[str, Any]:
         """The keyword arguments that a kind's factory gets beside those that all get."""

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
 
 from skyrange.agent.links import TapPlacement
 from skyrange.codec.mavlink import decode, message_name
@@ -20,8 +19,6 @@ from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
-from skyrange.scenario.autopilots import Autopilots
-from skyrange.scenario.faults import input_error
 from skyrange.scenario.schema import Scenario
 from skyrange.study.deviation import AIRBORNE_M, deviations_m
 from skyrange.study.series import Happening, Vehicle, happenings, truth_tracks, vehicles
@@ -150,14 +147,8 @@ def _both(
 
 
 def _at(scenario: Scenario, rates: str) -> Scenario:
-    options = scenario.autopilots.options
-    told = scenario.autopilots.model_dump()
-    told["options"] = {**options, "ardupilot": {**options.get("ardupilot", {}), "rates": rates}}
-    try:
-        autopilots = Autopilots.model_validate(told)
-    except ValidationError as error:
-        raise input_error(f"{scenario.name} at rates {rates}", error, Autopilots, told) from None
-    return scenario.model_copy(update={"autopilots": autopilots})
+    told = scenario.autopilots.told("ardupilot", {"rates": rates}, f"{scenario.name} at rates {rates}")
+    return scenario.model_copy(update={"autopilots": told})
 
 
 def _under(scenario: Scenario, kind: str) -> Scenario:
