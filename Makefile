@@ -1,25 +1,47 @@
-# `make demo` and `make test` do all their own set-up in .venv; nothing else is needed but Python 3.11 and make.
+# Every target sets up what it needs in .venv; only Python 3.11 and make have to be installed. `make help` lists the targets.
 PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test setup check unit clean
+# How many pytest processes run at once: tests in virtual time keep a core busy each, tests in real time mostly wait.
+WORKERS ?= 2
+REALTIME_WORKERS ?= 3
 
-demo: $(VENV)/.installed
+PYTEST := $(BIN)/python -m pytest -rsfE
+FAST := not slow and not realtime and not external
+
+.PHONY: help demo test test-all test-fast test-virtual test-realtime check setup clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.installed ## fly an attack beside its twin, and print where the report is
 	$(BIN)/skyrange pair rid-spoofing
 
-test: check unit
+test: check test-fast ## the checks, and all tests but those that are slow, in real time or of other programs
 
-check: $(VENV)/.tested
+test-all: check ## the checks, and all tests
+	@failed=0; \
+	$(MAKE) --no-print-directory test-virtual || failed=1; \
+	$(MAKE) --no-print-directory test-realtime || failed=1; \
+	exit $$failed
+
+test-fast: $(VENV)/.tested ## the tests of `make test`, without the checks
+	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --hypothesis-profile quick
+
+test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests that are not in real time
+	$(PYTEST) -n $(WORKERS) -m 'not realtime'
+
+test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
+	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
+
+check: $(VENV)/.tested ## ruff, mypy and the rules of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-unit: $(VENV)/.tested
-	$(BIN)/python -m pytest -n 2 -rsfE
-
-setup: $(VENV)/.tested
+setup: $(VENV)/.tested ## install skyrange in .venv with what its tests need
 
 $(VENV)/bin/python:
 	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is not there; say make PYTHON=/path/to/python3.11" >&2; exit 2; }
@@ -36,5 +58,5 @@ $(VENV)/.tested: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(VENV)/.installed
 
-clean:
+clean: ## remove .venv and all caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

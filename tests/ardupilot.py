@@ -21,7 +21,7 @@ def _look() -> tuple[Binary | None, str]:
 ARDUCOPTER, WHY_NOT = _look()
 """The binary that tests run, and why there is none."""
 
-needs_arducopter = pytest.mark.skipif(ARDUCOPTER is None, reason=f"no arducopter found: {WHY_NOT}")
+needs_arducopter = pytest.mark.external(missing=WHY_NOT and f"no arducopter found: {WHY_NOT}")
 """For tests that run it. One that is named but will not do skips these too, and fails `test_ardupilot_binary`."""
 
 NAMED = bool(os.environ.get(VARIABLE))

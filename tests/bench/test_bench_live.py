@@ -30,6 +30,7 @@ def test_what_is_sent_is_what_such_a_link_carries_with_its_time_in_it(transport:
         assert (message.get_type(), message.tc1, message.ts1) == ("TIMESYNC", at_ns, 7)
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("transport", ["udp", "http"])
 def test_a_row_of_a_transport(transport: Transport) -> None:
     row = measure_transport(transport, 300)
@@ -40,6 +41,7 @@ def test_a_row_of_a_transport(transport: Transport) -> None:
     assert row["links"] == (["approval"] if transport == "http" else ["gcs"])
 
 
+@pytest.mark.realtime
 def test_a_row_of_a_range() -> None:
     looks: list[float] = []
 

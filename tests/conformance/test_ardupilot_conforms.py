@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
-
 from skyrange.core.time import NS_PER_S
 from skyrange.testing import check_engine
 from skyrange.testing.fleet import FLEET
 from tests.ardupilot import needs_arducopter
 
-pytestmark = [pytest.mark.integration, needs_arducopter]
+pytestmark = needs_arducopter
 
 
 def test_ardupilot_keeps_the_contract() -> None:

@@ -16,7 +16,7 @@ from skyrange.vehicle.external.options import Options
 from skyrange.vehicle.spec import VehicleSpec
 from tests.foreign_vehicle import Foreign
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 
 def test_external_vehicles_keep_the_contract() -> None:

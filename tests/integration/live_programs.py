@@ -20,6 +20,8 @@ from typing import Any
 import pytest
 
 from skyrange.record import RunRecord, load
+from tests.tiers import needs_mavproxy as needs_mavproxy
+from tests.tiers import needs_tshark as needs_tshark
 
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 MAVPROXY = shutil.which("mavproxy.py")
@@ -37,9 +39,6 @@ id = "blue"
 vehicles = [{{{{ id = "b1", depart_s = 1, plan = {{{{ path = {{{{ points = [[0.0, 200.0]], alt_m = 5.0 }}}} }}}} }}}}]
 """
 """It flies north, farther than it comes in the time of a test."""
-
-needs_mavproxy = pytest.mark.skipif(MAVPROXY is None, reason="mavproxy.py is not on PATH")
-needs_tshark = pytest.mark.skipif(TSHARK is None, reason="tshark is not installed (apt-get install tshark)")
 
 
 @cache

@@ -19,7 +19,7 @@ from skyrange.runtime.run import Run
 from skyrange.scenario.load import build
 from tests.ardupilot import listening, needs_arducopter, programs
 
-pytestmark = [pytest.mark.integration, needs_arducopter]
+pytestmark = needs_arducopter
 
 QUICK = {"SCHED_LOOP_RATE": 100}
 """Fewer exchanges, a stated trade: a third of the time."""

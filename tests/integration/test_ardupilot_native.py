@@ -21,7 +21,7 @@ from skyrange.runtime.run import Run
 from skyrange.scenario.load import build
 from tests.ardupilot import listening, needs_arducopter, programs
 
-pytestmark = [pytest.mark.integration, needs_arducopter]
+pytestmark = [pytest.mark.realtime, needs_arducopter]
 
 SPEEDUP = 6.0
 

@@ -23,10 +23,9 @@ from skyrange.scenario.load import load_text
 from skyrange.study.export import mavlink, remote_id
 from skyrange.study.overheard import receivers_of
 from skyrange.study.session import fly
+from tests.tiers import needs_tshark
 
 TSHARK = shutil.which("tshark")
-needs_tshark = pytest.mark.skipif(TSHARK is None, reason="tshark is not installed (apt-get install tshark)")
-pytestmark = pytest.mark.integration
 
 START_UTC_NS = 1_767_268_800 * NS_PER_S  # 2026-01-01T12:00:00Z
 RF_CHANNEL = {37: 0, 38: 12, 39: 39}

@@ -22,7 +22,7 @@ from skyrange.vehicle.ardupilot.parameters import NATIVE, OURS
 from tests.ardupilot import ARDUCOPTER, needs_arducopter
 from tests.ports import OFFSET
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 ORIGIN = "[origin]\nlat = 40.778\nlon = -73.955\nalt_msl_m = 20.0\n"

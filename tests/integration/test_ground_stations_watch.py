@@ -16,8 +16,9 @@ import pytest
 
 from tests.ardupilot import needs_arducopter
 from tests.integration.watched_range import ONE, START_S, alone, range_of
+from tests.tiers import needs_mavproxy
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.realtime, pytest.mark.external]
 MAVPROXY = shutil.which("mavproxy.py")
 AUTOPILOTS = ["builtin", pytest.param("ardupilot", marks=needs_arducopter)]
 
@@ -64,7 +65,7 @@ def mavproxy(port: int, folder: Path) -> Iterator[Console]:
         console.program.communicate()
 
 
-@pytest.mark.skipif(MAVPROXY is None, reason="mavproxy.py is not on PATH")
+@needs_mavproxy
 @pytest.mark.parametrize("autopilot", AUTOPILOTS)
 def test_mavproxy_tells_mode_and_position(autopilot: str, tmp_path: Path) -> None:
     with range_of(tmp_path, alone(90.0, autopilot=autopilot)) as (_, ports), mavproxy(ports[ONE], tmp_path) as console:

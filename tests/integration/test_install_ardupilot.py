@@ -9,7 +9,6 @@ import hashlib
 import json
 import os
 import platform
-import shutil
 import socket
 import ssl
 import subprocess
@@ -29,11 +28,12 @@ from skyrange.install import download as downloading
 from skyrange.install.ardupilot import DEFAULT_VERSION, VARIABLE, install
 from skyrange.vehicle.ardupilot import binary as binary_module
 from skyrange.vehicle.ardupilot.binary import OPTIONS, data_folder, find
+from tests.tiers import needs
 from tests.unit.made_up_binaries import AARCH64, elf, firmware, program
 
 X86_64 = sys.platform == "linux" and platform.machine() == "x86_64"
 pytestmark = [
-    pytest.mark.integration,
+    pytest.mark.realtime,
     pytest.mark.skipif(
         not X86_64, reason="programs made up for the tests, as ArduPilot's SITL, are of Linux on x86-64"
     ),
@@ -271,7 +271,7 @@ def test_a_host_that_is_not_there(server: type[Server], monkeypatch: pytest.Monk
     assert left(tmp_path) == []
 
 
-@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl, to make a certificate, is not installed")
+@needs("openssl")
 def test_a_certificate_that_nobody_vouches_for_is_refused(
     server: type[Server], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

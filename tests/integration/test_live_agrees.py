@@ -10,7 +10,7 @@ from skyrange.scenario.catalogue import SHIPPED
 from tests.integration.live_agrees import FLIGHTS, TOLERANCE_S, fly_both
 from tests.ports import OFFSET
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 
 def test_all_that_is_shipped_is_flown_by_the_table() -> None:

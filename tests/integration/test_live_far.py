@@ -34,7 +34,7 @@ from tests.integration.live_machines import (
 from tests.integration.live_programs import CLIENTS, beside, heard, kinds, skyrange, until
 from tests.ports import OFFSET
 
-pytestmark = [pytest.mark.integration, needs_machines]
+pytestmark = [pytest.mark.realtime, needs_machines]
 
 BASE, SECOND, THIRD = ADDRESSES
 SCENARIO = """

@@ -13,7 +13,7 @@ from skyrange.record import load
 from skyrange.record.run import RunRecord
 from tests.integration.live_faults import FAULTS, Fault, Harmed, gap_s, harm, rows_of
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "live-faults.md"
 COMMITTED = rows_of(PAGE.read_text())
 

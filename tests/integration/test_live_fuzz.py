@@ -20,7 +20,7 @@ from skyrange.runtime.live.orders import Orders
 from tests.integration.live_faults import Harmed
 from tests.integration.test_live_range import nodes
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 SECONDS = 20.0
 MOST_GROWN_KB = 150_000
 """Of a process's resident memory, over what it had when the range flew and nobody harmed it: ZeroMQ queues of 256

@@ -48,7 +48,7 @@ world = "{BASE}"
 """
 
 
-pytestmark = [pytest.mark.integration, needs_machines]
+pytestmark = [pytest.mark.realtime, needs_machines]
 
 Machines = list[list[str]]
 

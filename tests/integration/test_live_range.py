@@ -23,7 +23,7 @@ from skyrange.study.session import run
 from tests.integration.live_programs import until
 from tests.ports import OFFSET
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 MAVPROXY = shutil.which("mavproxy.py")
 MISSION = """QGC WPL 110
@@ -198,7 +198,7 @@ def fly_by_mavproxy(port: int, folder: Path) -> list[str]:
     return said
 
 
-@pytest.mark.skipif(MAVPROXY is None, reason="mavproxy.py is not on PATH")
+@pytest.mark.external(missing="" if MAVPROXY else "mavproxy.py is not on PATH")
 def test_mavproxy_is_an_operators_ground_station(tmp_path: Path) -> None:
     process = started(tmp_path, 55.0, "--external", "green.gcs", "--json")
     try:

@@ -10,7 +10,7 @@ from skyrange.core.time import NS_PER_S
 from tests.integration.live_programs import live
 from tests.ports import OFFSET
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 FOR_S = 6.0
 SCENARIO = f"""

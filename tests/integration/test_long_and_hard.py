@@ -30,6 +30,7 @@ from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import RELATIVE, Item, Range, jump, land, speed, start, takeoff, waypoint
 from tests.integration.hovering import beat, modes, put, texts
 
+pytestmark = pytest.mark.slow
 BAD_LINKS = 'links=[{match="gcs:*", loss=0.01, jitter_ms=200}]'
 MISHAPS = {"event.crash", "event.collision", "event.bad_frame", "event.ekf_failsafe", "event.glitch"}
 AWAY = {"blue": (0, 84), "green": (84, 0), "orange": (0, -84), "purple": (-84, 0)}

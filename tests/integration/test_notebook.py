@@ -10,8 +10,6 @@ nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: pi
 nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: pip install 'skyrange[dev]'")
 pytest.importorskip("ipykernel", reason="ipykernel is not installed: pip install 'skyrange[dev]'")
 
-pytestmark = pytest.mark.integration
-
 NOTEBOOK = Path(__file__).parents[2] / "docs" / "tutorials" / "squares.ipynb"
 
 

@@ -28,7 +28,6 @@ from skyrange.scenario.load import build
 from skyrange.study.session import fly
 from tests.ardupilot import needs_arducopter
 
-pytestmark = pytest.mark.integration
 KINDS = ["builtin", pytest.param("ardupilot", marks=needs_arducopter)]
 GOOD, MUTE, CUT = "op/a1", "op/a2", "op/a3"
 """With a transmitter; without one; with one whose OPEN_DRONE_ID_ARM_STATUS does not come through."""

@@ -159,6 +159,7 @@ run.execute(speed=8.0, on_progress=lambda now, end: print(now, flush=True))
 SPEED = 8.0
 
 
+@pytest.mark.realtime
 def test_a_record_that_is_killed_keeps_its_receptions(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(TEXT)
     folder = tmp_path / "run"

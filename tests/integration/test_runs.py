@@ -239,6 +239,7 @@ def test_a_disk_that_fills_up_ends_the_run_with_what_it_has(tmp_path: Path) -> N
     assert len(summary(record)["vehicles"]) == 5
 
 
+@pytest.mark.slow
 def test_memory_is_bounded(tmp_path: Path) -> None:
     # six times as long must not take noticeably more: what is recorded leaves memory every wall second or 4 MB
     code = (

@@ -17,7 +17,7 @@ from skyrange.study.session import fly
 from tests.ardupilot import needs_arducopter
 from tests.integration.test_signed_flights import LAND, Says, modes, notes, outcome
 
-pytestmark = [pytest.mark.integration, needs_arducopter]
+pytestmark = needs_arducopter
 
 V = "blue/b1"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -34,6 +33,7 @@ from skyrange.study.export import mavlink
 from skyrange.study.session import fly
 from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import EPOCH, Range
+from tests.tiers import needs_tshark
 
 V = "blue/b1"
 LINK = f"gcs:{V}"
@@ -291,7 +291,7 @@ def _unsigned(*args: Any) -> Any:
     raise AssertionError("it must not be made")
 
 
-@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed (apt-get install tshark)")
+@needs_tshark
 def test_tshark_reads_signed_frames(signed: RunRecord, tmp_path: Path) -> None:
     """With the dissector that pymavlink makes."""
     plugin, capture = tmp_path / "mavlink.lua", tmp_path / "mavlink.pcapng"

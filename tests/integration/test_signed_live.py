@@ -17,7 +17,7 @@ from skyrange.record import load
 from skyrange.scenario.signing import passphrase
 from tests.ports import OFFSET
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 SCENARIO = """

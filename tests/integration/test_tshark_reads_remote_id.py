@@ -12,12 +12,10 @@ import pytest
 from skyrange.codec import ble, pcapng, rid_capture, wifi
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, System, encode
 from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
+from tests.tiers import needs_tshark
 
 TSHARK = shutil.which("tshark")
-pytestmark = [
-    pytest.mark.integration,
-    pytest.mark.skipif(TSHARK is None, reason="tshark is not installed (apt-get install tshark)"),
-]
+pytestmark = needs_tshark
 
 ADDRESS = bytes.fromhex("c21122334455")
 START_UTC_NS = 1_767_268_800 * 10**9  # 2026-01-01T12:00:00Z

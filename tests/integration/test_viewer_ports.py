@@ -14,7 +14,6 @@ from skyrange.core.errors import InputError
 from skyrange.io.sitl import check_free
 from skyrange.io.viewing import MOST_VIEWERS, WAITING_BYTES, ViewerPorts
 
-pytestmark = pytest.mark.integration
 FRAME = 200
 
 

@@ -30,7 +30,8 @@ from skyrange.study.session import fly
 from tests.ardupilot import needs_arducopter
 from tests.integration.watched_range import ONE, alone, range_of
 
-pytestmark = pytest.mark.integration
+SPEED = 5.0
+"""Of watched runs whose pace is not what is tested."""
 FLEET = ("blue/b1", "blue/b2", "green/g1", "green/g2", "green/g3")
 JAMMED_S = 20.0
 HEARTBEAT = mav.MAVLink(None, 255, 190).heartbeat_encode(mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID, 0, 0, 4)
@@ -123,6 +124,7 @@ def fingerprint(record: RunRecord) -> str:
     return str(record.manifest["digests"]["fingerprint"])
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("gcs", ["", "loss = 0.1\njitter_ms = 300", "rate_bps = 4800"])
 def test_a_viewer_sees_all_that_the_autopilot_says_in_its_order_whatever_becomes_of_it_later(
     gcs: str, tmp_path: Path
@@ -130,7 +132,7 @@ def test_a_viewer_sees_all_that_the_autopilot_says_in_its_order_whatever_becomes
     scenario = alone(25.0, f'[[links]]\nmatch = "gcs:*"\n{gcs}' if gcs else "")
     reader, meddler = Reader(), Meddler()
     with Viewers([ONE], 0) as viewers, watching(viewers, reader, meddler):
-        watched = fly(scenario, tmp_path / "watched", viewers=viewers, report=False)
+        watched = fly(scenario, tmp_path / "watched", speed=SPEED, viewers=viewers, report=False)
     expected = said(watched, ONE)
     assert len(messages(expected)) > 100
     assert reader.data == expected
@@ -139,6 +141,7 @@ def test_a_viewer_sees_all_that_the_autopilot_says_in_its_order_whatever_becomes
     assert fingerprint(watched) == fingerprint(fly(scenario, tmp_path / "unwatched", report=False))
 
 
+@pytest.mark.realtime
 def test_a_fleet_that_travels_in_blocks_is_shown_aircraft_by_aircraft(tmp_path: Path) -> None:
     scenario = load("squares", ["duration_s=20"])
     lines = {}
@@ -146,7 +149,7 @@ def test_a_fleet_that_travels_in_blocks_is_shown_aircraft_by_aircraft(tmp_path: 
         for vehicle, host, port in viewers.addresses:
             lines[vehicle] = socket.create_connection((host, port), 10.0)
         viewers.serve()
-        watched = fly(scenario, tmp_path / "watched", viewers=viewers, report=False)
+        watched = fly(scenario, tmp_path / "watched", speed=SPEED, viewers=viewers, report=False)
     for vehicle, line in lines.items():
         with line:
             data = b"".join(iter(lambda line=line: line.recv(1 << 16), b""))
@@ -185,10 +188,12 @@ def hides_no_loss(scenario: Scenario, folder: Path, speed: float) -> None:
     assert any("GCS Failsafe" in text for text in texts)
 
 
+@pytest.mark.realtime
 def test_a_viewers_heartbeats_do_not_hide_that_the_station_is_jammed(tmp_path: Path) -> None:
     hides_no_loss(alone(35.0, FS_GCS_ENABLE=1), tmp_path, 20.0)
 
 
+@pytest.mark.realtime
 @needs_arducopter
 def test_nor_do_they_from_an_ardupilot(tmp_path: Path) -> None:
     hides_no_loss(alone(35.0, autopilot="ardupilot", FS_GCS_ENABLE=1), tmp_path, 20.0)
@@ -230,6 +235,7 @@ def position_at(port: int, system: int, want: int = 3) -> Any:
         return position
 
 
+@pytest.mark.realtime
 def test_pymavlink_watches_every_aircraft_of_a_paced_run(tmp_path: Path) -> None:
     with range_of(tmp_path, "squares") as (child, ports):
         assert tuple(ports) == FLEET
@@ -240,6 +246,7 @@ def test_pymavlink_watches_every_aircraft_of_a_paced_run(tmp_path: Path) -> None
             assert abs(at.lon / 1e7 - 149.1652) < 0.01
 
 
+@pytest.mark.realtime
 @needs_arducopter
 def test_an_ardupilot_is_watched_alike_and_listens_to_nobody(tmp_path: Path) -> None:
     with range_of(tmp_path, alone(60.0, autopilot="ardupilot")) as (child, ports):
@@ -302,6 +309,7 @@ def own_port() -> int:
         return int(tried.getsockname()[1])
 
 
+@pytest.mark.realtime
 @needs_arducopter
 def test_heartbeats_at_ardupilots_own_port_do_hide_it(tmp_path: Path) -> None:
     port = own_port()
@@ -331,6 +339,7 @@ def test_heartbeats_at_ardupilots_own_port_do_hide_it(tmp_path: Path) -> None:
     assert b"GCS Failsafe" not in said(record, ONE)
 
 
+@pytest.mark.realtime
 @needs_arducopter
 def test_ardupilots_own_port_is_opened_with_a_warning_and_refused_where_it_is_taken(tmp_path: Path) -> None:
     port = own_port()

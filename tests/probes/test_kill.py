@@ -34,7 +34,7 @@ MOMENTS = [0, 1, 30, 80, 130, 200, 260, 330, 420, 500]
 """After how many reported steps the child is killed; 500 steps of 80 ms are 40 simulated seconds."""
 
 
-@pytest.mark.integration
+@pytest.mark.realtime
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_killed_run_keeps_what_it_had(moment: int, tmp_path: Path) -> None:
     folder = tmp_path / "run"

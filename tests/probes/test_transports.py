@@ -179,7 +179,6 @@ async def over_tcp(noise: bytes) -> tuple[Seat, Seat]:
     return asker, answerer
 
 
-@pytest.mark.integration
 @pytest.mark.parametrize(
     ("transport", "garbage"),
     [(over_udp, 0), (lambda: over_tcp(b""), 0), (lambda: over_tcp(b"\xfdnoise\xfe\x00\xff"), 9)],
@@ -194,7 +193,6 @@ def test_the_same_frames_over_every_transport(transport: Callable[[], object], g
     assert (answerer.garbage, asker.garbage) == (garbage, garbage)
 
 
-@pytest.mark.integration
 def test_half_a_datagram_is_garbage_and_not_the_start_of_the_next() -> None:
     frame = Packer(1, 1).pack(dialect.MAVLink_param_value_message(b"P", 1.0, 9, 1, 0))
 

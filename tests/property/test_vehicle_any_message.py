@@ -19,6 +19,7 @@ from skyrange.codec.wire import LAYOUTS, checksum, pack_header_v2
 from skyrange.vehicle.builtin.commands import HANDLERS
 from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import Range, square, start
+from tests.tiers import examples
 
 V = "blue/b1"
 A = dialect
@@ -99,7 +100,7 @@ def sane(r: Range) -> None:
 def test_any_fields_of_any_message_are_survived(flying: dict[str, Range], number: int, where: str) -> None:
     r = flying[where].copy()
 
-    @settings(max_examples=8, deadline=None, database=None)
+    @settings(max_examples=examples(8), deadline=None, database=None)
     @given(fields(number), senders)
     def tries(payload: bytes, sender: tuple[int, int]) -> None:
         before = len(r.said)
@@ -112,7 +113,7 @@ def test_any_fields_of_any_message_are_survived(flying: dict[str, Range], number
     sane(r)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(150), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
         st.tuples(st.sampled_from([75, 76]).flatmap(lambda n: st.tuples(st.just(n), fields(n))), senders), max_size=8
@@ -139,7 +140,7 @@ def test_any_commands_are_answered_once_each_and_survived(
     sane(r)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(IDS).flatmap(lambda n: st.tuples(st.just(n), fields(n))), st.integers(0, 300))
 def test_a_truncated_frame_is_counted_and_nothing_else(
     flying: dict[str, Range], whole_frame: tuple[int, bytes], cut: int

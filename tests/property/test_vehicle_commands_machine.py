@@ -20,6 +20,7 @@ from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import Item, Range, square, start, takeoff
+from tests.tiers import examples
 
 A = dialect
 NAMES = ("blue/b1", "blue/b2")
@@ -638,7 +639,7 @@ class Flight(RuleBasedStateMachine):
 
 
 Flight.TestCase.settings = settings(
-    max_examples=25,
+    max_examples=examples(25),
     stateful_step_count=25,
     deadline=None,
     derandomize=True,

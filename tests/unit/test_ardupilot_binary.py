@@ -208,7 +208,6 @@ def test_an_arducopter_that_is_named_will_do() -> None:
 
 
 @needs_arducopter
-@pytest.mark.integration
 def test_the_real_one_answers() -> None:
     from skyrange.io.answers import ask
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import shutil
 import socket
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
@@ -29,8 +28,9 @@ from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import Decision, Intent, intent_id
 from skyrange.utm.messages import PATH, Request, Response, encode
 from skyrange.utm.service import FlightApproval
+from tests.tiers import needs
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
 VOLUME = Volume4D(((-35.0, 149.0), (-35.0, 149.1), (-35.1, 149.1)), 600.25, 640.0, 1_500_000_000, 90 * NS_PER_S)
@@ -141,7 +141,7 @@ def test_agents_frames_cross_byte_for_byte() -> None:
     run(body)
 
 
-@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
+@needs("curl")
 @pytest.mark.parametrize("method", ["PUT", "POST"])
 def test_curl_files_an_operational_intent(method: str, tmp_path: Path) -> None:
     async def body() -> None:

@@ -22,7 +22,7 @@ from skyrange.io.curve_keys import Keys, load_keys, make_keys
 from skyrange.io.mavlink_sockets import LOOPBACK, Address
 from skyrange.io.zmq_sockets import ZmqEnd
 
-pytestmark = pytest.mark.integration
+pytestmark = pytest.mark.realtime
 
 
 class Heard:

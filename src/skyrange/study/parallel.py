@@ -57,7 +57,9 @@ def fly_all(
     results: list[Flown | None] = [None] * len(flights)
     waiting = list(range(len(flights)))
     children: dict[Connection, _Child] = {}
-    told, cold = False, not compiled_before()
+    flying: set[int] = set()
+    told: set[int] = set()
+    cold = not compiled_before()
     with Interruptible() as interrupt:
         try:
             while children or (waiting and not interrupt.requested):
@@ -70,11 +72,14 @@ def fly_all(
                     process.start()
                     outlet.close()
                     children[inlet] = _Child(number, process, inlet)
-                if interrupt.requested and not told:
-                    told = True
-                    _interrupt(children.values())
+                if interrupt.requested:
+                    # one that has not begun to fly would lose a signal: it is told when it has
+                    due = [child for child in children.values() if child.number in flying - told]
+                    told.update(child.number for child in due)
+                    _interrupt(due)
                 for ready in wait(list(children), timeout=_LOOK_S):
                     assert isinstance(ready, Connection)
+                    flying.add(children[ready].number)
                     _hear(children, ready, results, on_progress)
         finally:
             for child in children.values():

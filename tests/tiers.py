@@ -1,0 +1,31 @@
+"""The tiers of the tests: programs that tests of the external tier need, and the examples that property tests try."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+from hypothesis import settings
+
+FULL = 100
+"""The examples of hypothesis's default profile."""
+
+settings.register_profile("quick", max_examples=FULL // 4)
+
+
+def needs(program: str, hint: str = "") -> pytest.MarkDecorator:
+    """The mark of tests that run `program`: of the external tier, and skipped where it is not on `PATH`.
+
+    `hint` says how to install it.
+    """
+    missing = "" if shutil.which(program) else f"{program} is not on PATH" + (f" ({hint})" if hint else "")
+    return pytest.mark.external(missing=missing)
+
+
+needs_tshark = needs("tshark", "apt-get install tshark")
+needs_mavproxy = needs("mavproxy.py", "pip install MAVProxy")
+
+
+def examples(count: int) -> int:
+    """How many examples a property test tries whose full number is `count`: in the profile `quick`, a quarter."""
+    return max(1, count * settings().max_examples // FULL)
