@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
 from skyrange.kernel.channel import NO_CHANCE, ChannelState, Uniforms
-
-if TYPE_CHECKING:
-    from skyrange.kernel.stages import Stage
+from skyrange.kernel.stages import Stage
 
 
 class TapSlot:
