@@ -27,6 +27,7 @@ from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
 from skyrange.kernel.events import STEP, WAKEUP, held_up
 from skyrange.kernel.faults import FaultBench
 from skyrange.kernel.lane import Mailbox, Transit
+from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
 from skyrange.kernel.stages import Stage, Stages
 from skyrange.kernel.traffic import Sender, Traffic
@@ -100,7 +101,10 @@ class Kernel:
                 raise ComponentError(box.name, f"owns the port {port.endpoint} on {port.link}, as {taken.name} does")
             incoming[port].receiver = box
         sides = [seat.agent.ports for seat in seats] + [berth.engine.ports for berth in self._berths]
-        self._traffic.open_express({port: place for side in sides for place, port in enumerate(side)}, wiring.fuse)
+        monitors = Monitors(wiring.monitors, wiring.links, lanes, self._traffic.heap, self._observers)
+        self._traffic.open_express(
+            {port: place for side in sides for place, port in enumerate(side)}, wiring.fuse, monitors
+        )
         quantum = self._world.quantum_ns if self._world is not None else 0
         preroll = max((berth.engine.preroll_ns for berth in self._berths), default=0)
         start = -ceil_to(preroll, quantum)

@@ -1,4 +1,4 @@
-"""What the observers of a kernel are told: frames at their fate, notes, truth, and the labels of hostile acts.
+"""What the observers of a kernel are told: frames at their fate, notes, alerts, truth, and labels.
 
 Every label is written here, whoever acted: a tap, an attack's agent or a sensor fault.
 """
@@ -11,6 +11,7 @@ from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import Observer, World
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Note
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
@@ -47,6 +48,11 @@ class ObserverList:
         """Tell that a tick of the world has ended."""
         for observer in self.members:
             observer.on_truth(now, world)
+
+    def report_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        """Tell of an alert that a monitor raised."""
+        for observer in self.members:
+            observer.on_alert(now, detector, alert)
 
     # ---------------------------------------------------------------- labels
 

@@ -32,6 +32,7 @@ from skyrange.kernel.events import (
     GO_ON,
     LAND,
     RESUME,
+    SERVE,
     TAP,
     WAKEUP,
     Event,
@@ -39,6 +40,7 @@ from skyrange.kernel.events import (
     wake_forwarder,
 )
 from skyrange.kernel.lane import Forward, Forwarder, Lane, TapSlot, Transit
+from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
 from skyrange.kernel.stages import Stage, takes_effect
 
@@ -83,10 +85,16 @@ class Traffic:
         self._forwarders: dict[str, Forwarder] = {}
         self._by_number = sorted(lanes.values(), key=_number)
         self._convoy = Convoy(self.heap, self._by_number, self._forwarders)
+        self._monitors: Monitors | None = None
 
-    def open_express(self, ports: dict[Port, int], fuse: bool) -> None:
-        """Work out which lanes blocks may take; `ports` is the place of every owned port among its owner's."""
-        self._convoy.open(ports, fuse)
+    def open_express(self, ports: dict[Port, int], fuse: bool, monitors: Monitors) -> None:
+        """Work out which lanes blocks may take; `ports` is the place of every owned port among its owner's.
+
+        `monitors` stand at some ends of the lanes, and are served from time 0 on.
+        """
+        self._convoy.open(ports, fuse, monitors)
+        self._monitors = monitors
+        monitors.begin()
 
     def send(self, now: Time, sender: Sender, outbox: Outbox) -> None:
         """Send all frames of `outbox`: singles in their order, then blocks; nothing where the sender's attack is mute.
@@ -133,6 +141,9 @@ class Traffic:
         elif code == TAP:
             if data.due == now:
                 self._wake_tap(now, data)
+        elif code == SERVE:
+            if data.due == now and self._monitors is not None:
+                self._monitors.serve(now, data)
         else:
             self._observers.report_frames(data)
 
@@ -255,6 +266,9 @@ class Traffic:
 
     def _transmit(self, now: Time, lane: Lane, frame: Frame, stage: int) -> None:
         """Sender-side taps from `stage` on, then the channel."""
+        if stage == 0:
+            for monitor in lane.send_monitors:
+                monitor.take_frame(now, lane.number, frame, False)
         if lane.out_taps:
             judged = self._judge(now, lane, frame, stage, True)
             if judged is None:
@@ -311,12 +325,16 @@ class Traffic:
             return
         frame.arrived_ns = arrival
         frame.fate = Fate.DELIVERED
+        for monitor in lane.arrival_monitors:
+            monitor.take_frame(arrival, lane.number, frame, True)
         trail.append(frame)
         for route, target in forwards:
             if route.select is not None and not route.select(frame.payload):
                 continue
             sent = ceil_to(arrival, route.service_ns)
             child = target.frame(route.endpoint, sent, frame.payload, route.endpoint, target.dst, frame.id)
+            for monitor in target.send_monitors:
+                monitor.take_frame(sent, target.number, child, False)
             if target.fused is not None:
                 self._fly(sent, target, target.fused, child, trail)
             else:
@@ -348,6 +366,8 @@ class Traffic:
         frame.arrived_ns = now
         frame.fate = Fate.DELIVERED
         self._observers.report_frames([frame])
+        for monitor in lane.arrival_monitors:
+            monitor.take_frame(now, lane.number, frame, True)
         box = lane.receiver
         if box is not None:
             box.pending.append(Arrival(lane.port, now, frame.payload, frame.src, frame.id))
