@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, Source, World
+from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors, Source, World
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import Channel, LinkSpec, Route
 from skyrange.agent.messages import Inbox, Note, Outbox
@@ -213,7 +213,7 @@ class Bodies:
         return {"up_m": self._height_m.copy()}
 
 
-class Climber:
+class Climber(EngineBase):
     """A lockstep engine: each instance climbs at its own rate; `falls_silent` may say when one stops answering."""
 
     clock: Literal["lockstep", "wall"] = "lockstep"

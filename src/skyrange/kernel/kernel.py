@@ -18,7 +18,7 @@ from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, Engine, InstanceStatus, Observer, Poses, Source, Watcher, World
+from skyrange.agent.contracts import Agent, Engine, InstanceStatus, Observer, Poses, Source, Speaker, Watcher, World
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error
@@ -58,8 +58,7 @@ class _Berth:
         self.moved = {vehicle: rows[vehicle] for vehicle in mount.engine.moves}
         """Rows of the world whose bodies the engine moves."""
         if self.moved:
-            source = getattr(mount.engine, "source", Source.KINEMATIC)
-            world.set_source(np.array(list(self.moved.values())), source)
+            world.set_source(np.array(list(self.moved.values())), mount.engine.source)
         self.box = Mailbox(mount.engine.name, mount.engine.service_ns, polled=True)
         self.status = [InstanceStatus.READY if mount.engine.preroll_ns == 0 else InstanceStatus.BOOTING] * len(
             mount.engine.vehicles
@@ -80,7 +79,8 @@ class Kernel:
         self._seats = {seat.agent.name: seat for seat in seats}
         berths = [_Berth(mount, wiring.world) for mount in wiring.engines if wiring.world is not None]
         self._berths = sorted(berths, key=lambda berth: berth.engine.name)
-        originators = {port: own_voice(port.endpoint) for seat in seats for port in getattr(seat.agent, "speaks", ())}
+        speakers = [seat.agent for seat in seats if isinstance(seat.agent, Speaker)]
+        originators = {port: own_voice(port.endpoint) for agent in speakers for port in agent.speaks}
         self._observers = ObserverList(observers)
         self._traffic = Traffic(lanes, self._observers, sending_lanes(lanes), originators)
         self._world = wiring.world
@@ -213,7 +213,7 @@ class Kernel:
         """Files of the engines' programs that are worth keeping, by name; `finish` takes them away."""
         found: dict[str, Path] = {}
         for berth in self._berths:
-            found |= getattr(berth.engine, "leaves", dict)()
+            found |= berth.engine.leaves()
         return found
 
     def finish(self) -> None:
@@ -221,9 +221,7 @@ class Kernel:
         if not self._ended:
             self._ended = True
             for berth in self._berths:
-                close = getattr(berth.engine, "close", None)
-                if close is not None:
-                    close()
+                berth.engine.close()
             self._traffic.strand_all(self.now)
 
     def fork(self, observers: Sequence[Observer]) -> Kernel:
@@ -362,5 +360,5 @@ class Kernel:
 
 def _why(engine: Engine, vehicle: str) -> str:
     """What the engine says is wrong, to stand behind a vehicle's name; "" where it says nothing."""
-    told = engine.why(vehicle) if hasattr(engine, "why") else ""
+    told = engine.why(vehicle)
     return f": {told}" if told else ""

@@ -14,7 +14,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Agent, Engine, Watcher, World
+from skyrange.agent.contracts import ENGINE_MEMBERS, Agent, Engine, Watcher, World
 from skyrange.agent.links import AttackPlan, LinkSpec, Route, TapPlacement
 from skyrange.agent.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
@@ -200,6 +200,14 @@ def check(wiring: Wiring) -> None:
         )
         if value not in allowed
     ]
+    incomplete = [
+        Fault(type(mount.engine).__name__, f"no {member}", "every member of Engine", "EngineBase has most of them.")
+        for mount in wiring.engines
+        for member in ENGINE_MEMBERS
+        if not hasattr(mount.engine, member)
+    ]
+    if incomplete:
+        raise InputError("wiring", incomplete)
     names = [agent.name for agent in (*wiring.agents, *wiring.watchers)]
     names += [mount.engine.name for mount in wiring.engines]
     names += [agent.name for plan in wiring.attacks for agent in plan.agents]

@@ -125,7 +125,7 @@ class Run:
         with Interruptible() as interrupt, at_ease():
             began = time.perf_counter()
             try:
-                if not all(getattr(engine, "waits", True) for engine in engines):
+                if not all(engine.waits for engine in engines):
                     warm_up(self.rig.scenario)  # what flies outside does not wait while we compile
                     began = time.perf_counter()
                 while self.kernel.now < end and not interrupt.requested:

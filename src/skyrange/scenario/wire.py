@@ -233,7 +233,7 @@ def _aircraft(scenario: Scenario, city: City | None, chance: Chance, motion: boo
 
 def engines_told(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
     """What the manifest says of the autopilots' engines, with the program that each runs, if it is one."""
-    return [{"kind": mount.engine.name, **getattr(mount.engine, "manifest", {})} for mount in mounts]
+    return [{"kind": mount.engine.name, **mount.engine.manifest} for mount in mounts]
 
 
 def _approvals(scenario: Scenario) -> list[FlightApproval]:
