@@ -7,7 +7,7 @@ from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 
-from skyrange.agent.contracts import Engine, Finished, InstanceStatus, World
+from skyrange.agent.contracts import ENGINE_MEMBERS, Engine, Finished, InstanceStatus, World
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port, owner_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -51,7 +51,7 @@ class EngineCase:
     @cached_property
     def runs_programs(self) -> bool:
         """Whether it starts programs: these need sockets and files, and cannot be copied."""
-        return hasattr(self.make(), "close")
+        return self.make().runs_programs
 
     def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
         """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
@@ -89,18 +89,20 @@ def check_engine(
 
 @ENGINE.rule(
     "declares",
-    "Has a name, a clock (and a pace, if it is the wall's), a repeatability, a pre-roll of 0 ns or more, and moves "
-    "none but its own.",
+    "Has every member of Engine: a name, a clock (and a pace, if it is the wall's), a repeatability, a pre-roll of 0 "
+    "ns or more, and moves none but its own vehicles.",
 )
 def _declares(case: EngineCase) -> None:
     engine = case.make()
+    for member in ENGINE_MEMBERS:
+        need(hasattr(engine, member), f"has no {member}", "every member of Engine; EngineBase has most of them")
     need(isinstance(engine.name, str) and bool(engine.name), f"name is {engine.name!r}", "text")
     need(engine.clock in ("lockstep", "wall"), f"clock is {engine.clock!r}", "lockstep or wall")
     need(engine.repeatable in ("bytes", "outcome"), f"repeatable is {engine.repeatable!r}", "bytes or outcome")
     preroll = engine.preroll_ns
     need(isinstance(preroll, int) and preroll >= 0, f"preroll_ns is {preroll!r}", "an int of 0 or more nanoseconds")
     if engine.clock == "wall":
-        pace = getattr(engine, "pace", None)
+        pace = engine.pace if hasattr(engine, "pace") else None
         need(isinstance(pace, float) and pace > 0.0, f"pace is {pace!r}", "a float above 0, as its clock is wall")
     strange = [vehicle for vehicle in engine.moves if vehicle not in engine.vehicles]
     need(not strange, f"moves {strange}", "vehicles of its own")

@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, Source
+from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors, Source
 from skyrange.agent.messages import Inbox, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
@@ -31,7 +31,7 @@ QUANTUM_NS: Final[Time] = 2_500_000
 """The world's tick."""
 
 
-class External:
+class External(EngineBase):
     """An engine (contract: `agent.contracts.WallEngine`). It connects with its first tick.
 
     `motion` is the command line's word: with the scenario's `allow_motion` it opens the interlock.
@@ -42,6 +42,7 @@ class External:
     repeatable: Literal["bytes", "outcome"] = "outcome"
     pace = 1.0
     waits = False
+    runs_programs = True
     source = Source.EXTERNAL
 
     def __init__(
