@@ -12,6 +12,7 @@ from skyrange.agent.settings import Enu
 from skyrange.core.errors import Fault, nearest
 from skyrange.remoteid.profiles import TRANSPORTS
 from skyrange.scenario.base import Id, Model, Number, known, refuse, wrong
+from skyrange.scenario.faults import faults_of
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -119,8 +120,6 @@ class Avoidance(Model):
         try:
             return find(AVOIDANCE, self.kind)(city, Limits.model_validate(self.params))
         except ValidationError as error:
-            from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
-
             found = faults_of(error, Limits, self.params)
             raise refuse(*(Fault(f"params.{f.where}", f.value, f.expected, f.hint) for f in found)) from None
 

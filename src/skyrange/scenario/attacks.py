@@ -19,6 +19,7 @@ from skyrange.core.ids import owner_of
 from skyrange.core.time import NEVER, from_seconds
 from skyrange.scenario.air import misplaced
 from skyrange.scenario.base import Id, Model, Number, items, known, refuse, wrong
+from skyrange.scenario.faults import faults_of
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -91,8 +92,6 @@ class AttackTable(Model):
         try:
             return model.model_validate(params).model_dump(exclude_none=True)
         except ValidationError as error:
-            from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
-
             raise refuse(*faults_of(error, model, params)) from None
 
     @field_validator("stop_s")

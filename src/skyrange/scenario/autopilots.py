@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 from skyrange.agent.plugins import AUTOPILOTS, find, kinds
 from skyrange.core.errors import Fault, nearest
 from skyrange.scenario.base import Model, Number, refuse
+from skyrange.scenario.faults import faults_of, input_error
 
 
 class Autopilots(Model):
@@ -41,8 +42,6 @@ class Autopilots(Model):
 
     def told(self, kind: str, given: Mapping[str, Any], who: str) -> Autopilots:
         """The same, but for what `kind` is told of `given`. Raises `InputError`, by `who`, where that does not fit."""
-        from skyrange.scenario.faults import input_error  # the models come first, then what speaks of them
-
         data = self.model_dump() | {"options": {**self.options, kind: {**self.options.get(kind, {}), **given}}}
         try:
             return Autopilots.model_validate(data)
@@ -60,7 +59,5 @@ class Autopilots(Model):
         try:
             return {"options": model.model_validate(given)}
         except ValidationError as error:
-            from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
-
             found = faults_of(error, model, given)
             raise refuse(*(Fault(f"options.{kind}.{f.where}", f.value, f.expected, f.hint) for f in found)) from None

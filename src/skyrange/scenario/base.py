@@ -15,6 +15,7 @@ from skyrange.agent.plugins import kinds
 from skyrange.agent.settings import Number, Whole, items, refuse
 from skyrange.core.errors import Fault, nearest
 from skyrange.core.ids import ID_PATTERN
+from skyrange.scenario.faults import input_error
 
 __all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "known", "refuse", "wrong"]
 
@@ -29,9 +30,7 @@ class Model(BaseModel):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            from skyrange.scenario.faults import input_error  # the models come first, then what speaks of them
-
-            raise input_error(type(self).__name__, error, type(self), data) from None
+            raise input_error(type(self).__name__, error, type(self), data, self.faults_between) from None
 
     @classmethod
     def faults_between(cls, data: Any) -> list[Fault]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -10,10 +10,11 @@ from pydantic_core import ErrorDetails
 
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.scenario import units
-from skyrange.scenario.base import Model
 from skyrange.scenario.walk import field_at, model_of, walk
 
 Loc = tuple[str | int, ...]
+Between = Callable[[Any], list[Fault]]
+"""Finds faults between the parts of a table, whether or not its values are sound."""
 
 _EXPECTED = {
     "float_type": "a number",
@@ -30,13 +31,15 @@ _EXPECTED = {
 }
 
 
-def input_error(who: str, error: ValidationError, model: type[Model], data: Any) -> InputError:
+def input_error(
+    who: str, error: ValidationError, model: type[BaseModel], data: Any, between: Between | None = None
+) -> InputError:
     """The InputError that says what pydantic found wrong with `data`, each fault once."""
-    return InputError(who, faults_of(error, model, data))
+    return InputError(who, faults_of(error, model, data, between))
 
 
-def faults_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Fault]:
-    """All faults, in the order of the model's keys; with those between the parts if pydantic got not that far."""
+def faults_of(error: ValidationError, model: type[BaseModel], data: Any, between: Between | None = None) -> list[Fault]:
+    """All faults, in the order of the model's keys; with those `between` the parts if pydantic did not get that far."""
     try:
         details = error.errors(include_url=False)
     except UnicodeEncodeError as bad:  # half a character, which only a program or a shell can put there
@@ -49,8 +52,8 @@ def faults_of(error: ValidationError, model: type[BaseModel], data: Any) -> list
             faults.append(found)
             if instead:
                 renamed.add((*detail["loc"][:-1], instead))
-    if issubclass(model, Model) and not any(d["type"] == "skyrange" and not d["loc"] for d in details):
-        faults += [Fault(spelled(_path(fault.where), data), *_rest(fault)) for fault in model.faults_between(data)]
+    if between is not None and not any(d["type"] == "skyrange" and not d["loc"] for d in details):
+        faults += [Fault(spelled(_path(fault.where), data), *_rest(fault)) for fault in between(data)]
     for detail in details:
         if detail["type"] == "skyrange":
             faults += [

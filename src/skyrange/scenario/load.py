@@ -65,7 +65,7 @@ def build(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = "
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise InputError(who, [*faults_of(error, Scenario, data), *faults]) from None
+        raise InputError(who, [*faults_of(error, Scenario, data, Scenario.faults_between), *faults]) from None
     if faults:
         raise InputError(who, faults)
     return scenario

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -11,12 +11,12 @@ from skyrange.agent.plugins import APPROVALS
 from skyrange.core.errors import nearest
 from skyrange.scenario.base import Id, Model, known, wrong
 from skyrange.scenario.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
-from skyrange.scenario.signing import Signing
 
 COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
 )  # fmt: skip
 """Colours by name; the first ones go, in this order, to operators that choose none."""
+Signing = Literal["off", "on", "wrong-key"]
 
 
 def _known_color(color: str) -> str:

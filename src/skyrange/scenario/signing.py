@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from skyrange.agent.plugins import AUTOPILOTS, find
 from skyrange.core.errors import Fault
 from skyrange.core.ids import vehicle_id
+from skyrange.scenario.operators import Operator
+from skyrange.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     from skyrange.codec.signing import SigningKey
-    from skyrange.scenario.operators import Operator
-    from skyrange.scenario.schema import Scenario
-
-Signing = Literal["off", "on", "wrong-key"]
 
 
 class Keys(NamedTuple):
