@@ -94,7 +94,7 @@ def fleet_scenario(
         operators=tuple(operators),
         city=_downtown(columns, side_m) if remote_id else None,
         radio=Radio(horizon_m=HORIZON_M, city_busy=0.2) if remote_id else None,
-        autopilots=Autopilots().told(autopilot, options or {}, "bench"),
+        autopilots=Autopilots().with_options(autopilot, options or {}, "bench"),
     )
 
 

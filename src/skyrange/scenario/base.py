@@ -8,16 +8,15 @@ from __future__ import annotations
 import os
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from skyrange.agent.plugins import kinds
 from skyrange.agent.settings import Number, Whole, items, refuse
-from skyrange.core.errors import Fault, nearest
+from skyrange.core.errors import Fault
 from skyrange.core.ids import ID_PATTERN
 from skyrange.scenario.faults import input_error
 
-__all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "known", "refuse", "wrong"]
+__all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "refuse", "wrong"]
 
 
 class Model(BaseModel):
@@ -57,15 +56,3 @@ Id = Annotated[str, Field(pattern=ID_PATTERN.pattern)]
 def wrong(value: object, expected: str, hint: str = "", where: str = "") -> PydanticCustomError:
     """`refuse` for a single fault."""
     return refuse(Fault(where, value if isinstance(value, str) else repr(value), expected, hint))
-
-
-def known(group: str, what: str) -> AfterValidator:
-    """A check that a kind is one of a plugin group's; `what` names it in the fault."""
-
-    def check(kind: str) -> str:
-        offered = kinds(group)
-        if kind not in offered:
-            raise wrong(kind, f"{what} that is installed", nearest(kind, offered))
-        return kind
-
-    return AfterValidator(check)

@@ -9,8 +9,9 @@ from pydantic import AfterValidator, Field
 
 from skyrange.agent.plugins import APPROVALS
 from skyrange.core.errors import nearest
-from skyrange.scenario.base import Id, Model, known, wrong
+from skyrange.scenario.base import Id, Model, wrong
 from skyrange.scenario.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
+from skyrange.scenario.plugins import known
 
 COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",

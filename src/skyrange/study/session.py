@@ -1,10 +1,11 @@
-"""How does one fly a scenario and get a record with its report? The library's front door."""
+"""Runs of scenarios: one call flies a scenario and returns its record, with its report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+from skyrange.agent.contracts import Observer
 from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.core.time import Time
@@ -23,6 +24,7 @@ def fly(
     speed: float | None = None,
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     report: bool = True,
@@ -31,17 +33,18 @@ def fly(
     """Run `scenario` into the folder `out`, or the first free one of `runs/NAME`, and write its report.
 
     `speed` is that of `Run.execute`; without one a run that is watched goes in real time, or at the pace of engines
-    that have one, and any other as fast as it goes. `taps` and `attacks` are placed on its links. `viewers` are served
-    between steps; closing them is the caller's. `motion` is that of `Run.start`. Errors as `Run.execute`; after a
-    `ShortfallError` (Ctrl-C) the report is there as well.
+    that have one, and any other as fast as it goes. `taps` and `attacks` are placed on its links. `observers` see
+    everything and alter nothing. `viewers` are served between steps; closing them is the caller's. `motion` is that of
+    `Run.start`. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
     """
     asked = 0.0 if speed is None else speed
     Pace(asked)  # refuses what is no speed before there is a folder
     if viewers is None:
-        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, motion=motion)
+        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, observers=observers, motion=motion)
     else:
+        seeing = [*observers, viewers]
         run = Run.start(
-            scenario, out, speed=asked, taps=taps, attacks=attacks, observers=[viewers], fuse=False, motion=motion
+            scenario, out, speed=asked, taps=taps, attacks=attacks, observers=seeing, fuse=False, motion=motion
         )
         on_progress = _serving(viewers, on_progress)
     if speed is None and viewers is not None and not run.on_wall_clock:
@@ -83,6 +86,7 @@ def run(
     changes: Sequence[str] = (),
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     motion: bool = False,
@@ -91,9 +95,10 @@ def run(
 
     `scenario` is a `Scenario`, a shipped scenario's name, or a TOML file. `out` defaults to the first
     free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
-    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps` and `attacks`
-    are placed on its links by name or pattern. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best
-    at `speed` 1. `motion` is `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles be moved.
+    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps` and `attacks` are placed on its
+    links by name or pattern. `observers` (`agent.contracts.Observer`) see every frame, note, label and tick, and alter
+    nothing. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best at `speed` 1. `motion` is
+    `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles be moved.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -107,6 +112,7 @@ def run(
         speed=speed,
         taps=taps,
         attacks=attacks,
+        observers=observers,
         viewers=viewers,
         on_progress=on_progress,
         motion=motion,

@@ -1,4 +1,4 @@
-"""Does my plugin keep skyrange's contracts? Checks for agents, taps, autopilot engines, approvals, attacks and media.
+"""Conformance checks for plugin authors: agents, taps, autopilot engines, approvals, attacks and radio media.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
@@ -7,7 +7,7 @@ at the first rule that is broken. `python -m skyrange.testing` prints the rules.
 from __future__ import annotations
 
 from skyrange.testing.agents import check_agent
-from skyrange.testing.approvals import check_approval
+from skyrange.testing.approval_services import check_approval
 from skyrange.testing.attacks import check_attack
 from skyrange.testing.engines import check_engine
 from skyrange.testing.mail import Letter, Postbag

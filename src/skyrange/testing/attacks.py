@@ -13,9 +13,10 @@ from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
+from skyrange.scenario.attack_making import setting_of
 from skyrange.scenario.schema import Operator as Owner
 from skyrange.scenario.schema import Origin, Scenario, Start, Vehicle, square
-from skyrange.scenario.wire import setting_of, wire
+from skyrange.scenario.wire import wire
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 
 ID = "checked"
