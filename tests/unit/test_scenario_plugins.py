@@ -206,11 +206,14 @@ def test_detectors_are_made_with_the_links_that_they_listen_to() -> None:
     text = FLEET + STRICT + '[[detectors]]\nid="silence"\nkind="test.gap"\n'
     (built,) = wire(load_text(text)).detectors
     assert (built.id, built.kind, built.links) == ("silence", "test.gap", ["gcs:blue/b1", "gcs:green/g1"])
-    assert built.monitor.longer_s == 3.0
-    assert list(built.monitor.context.vehicles) == ["blue/b1", "green/g1"]
-    chosen = wire(load_text(text + 'links=["log:*", "approval:blue"]\nparams.longer_s=9\n')).detectors[0]
+    assert built.side == "gcs"
+    monitor = built.make()
+    assert monitor.longer_s == 3.0
+    assert list(monitor.context.vehicles) == ["blue/b1", "green/g1"]
+    assert built.make() is not monitor
+    chosen = wire(load_text(text + 'links=["log:*", "approval:blue"]\nside="*"\nparams.longer_s=9\n')).detectors[0]
     assert set(chosen.links) == {"approval:blue", "log:blue/b1", "log:green/g1"}
-    assert chosen.monitor.longer_s == 9.0
+    assert (chosen.side, chosen.make().longer_s) == ("*", 9.0)
 
 
 def test_detectors_read_back_as_they_were_written() -> None:
@@ -225,6 +228,7 @@ def test_detectors_read_back_as_they_were_written() -> None:
     [
         ('id="a"\nkind="test.gapp"', "expected a kind of detector that is installed. Did you mean 'test.gap'?"),
         ('id="a"\nkind="test.gap"\nlinks=["gsc:*"]', "detectors.a.links: gsc:* — expected a link of the scenario"),
+        ('id="a"\nkind="test.gap"\nlinks=["log:*"]', "side: gcs — expected an end of log:blue/b1: blue/b1.companion"),
         ('id="a"\nkind="test.gap"\nlinks=[]', "detectors.a.links: [] — expected at least 1 of them"),
         ('id="a"\nkind="test.gap"\nparams.longer_s=0', "detectors.a.params.longer_s: 0 — expected more than 0"),
         ('id="a"\nkind="test.gap"\n[[detectors]]\nid="a"\nkind="test.gap"', "an id that no other detector has"),

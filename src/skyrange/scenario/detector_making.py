@@ -1,10 +1,11 @@
-"""Detectors of a scenario made: the monitor of each, and the links that it listens to."""
+"""Detectors of a scenario made: what makes the monitor of each, and where it listens."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from typing import Any
 
 from skyrange.agent.detectors import DetectorContext
@@ -12,42 +13,63 @@ from skyrange.agent.links import LinkSpec
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import vehicle_id
+from skyrange.scenario.detectors import DetectorTable
 from skyrange.scenario.schema import Scenario
 
 
 @dataclass(frozen=True, slots=True)
 class BuiltDetector:
-    """A detector that is ready to listen."""
+    """A detector, and where it listens."""
 
     id: str
     kind: str
     links: Sequence[str]
     """The names of the links that it listens to."""
-    monitor: Any
-    """What the kind's `make` returned."""
+    side: str
+    """At which end of them: an endpoint's role, an endpoint, or a pattern."""
+    make: Callable[[], Any]
+    """Returns a new monitor, all alike, as the kind's plugin makes it."""
 
 
 def build_detectors(scenario: Scenario, links: Sequence[LinkSpec]) -> list[BuiltDetector]:
-    """The scenario's detectors, in order. Raises `InputError` for patterns and parameters that do not fit it."""
-    names = [spec.name for spec in links]
+    """The scenario's detectors, in order. Raises `InputError` for links, ends and parameters that do not fit it."""
     vehicles = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet]
     faults: list[Fault] = []
     built = []
     for table in scenario.detectors:
         where = f"detectors.{table.id}"
-        faults += [
-            Fault(f"{where}.links", pattern, "a link of the scenario", nearest(pattern, names))
-            for pattern in table.links
-            if not any(fnmatchcase(name, pattern) for name in names)
-        ]
-        chosen = [name for name in names if any(fnmatchcase(name, pattern) for pattern in table.links)]
+        chosen = [spec for spec in links if any(fnmatchcase(spec.name, pattern) for pattern in table.links)]
+        faults += _link_faults(table, where, links, chosen)
+        names = [spec.name for spec in chosen]
         context = DetectorContext(
-            table.id, chosen, vehicles, scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
+            table.id, names, vehicles, scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
         )
+        make = partial(table.plugin, table.settings, context)
         try:
-            built.append(BuiltDetector(table.id, table.kind, chosen, table.plugin(table.settings, context)))
+            make()  # what does not fit is said before anything starts
         except InputError as error:
             faults += [Fault(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+            continue
+        built.append(BuiltDetector(table.id, table.kind, names, table.side, make))
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
     return built
+
+
+def _link_faults(
+    table: DetectorTable, where: str, links: Sequence[LinkSpec], chosen: Sequence[LinkSpec]
+) -> Iterator[Fault]:
+    """Patterns that match no link, and links that have no such end."""
+    names = [spec.name for spec in links]
+    for pattern in table.links:
+        if not any(fnmatchcase(name, pattern) for name in names):
+            yield Fault(f"{where}.links", pattern, "a link of the scenario", nearest(pattern, names))
+    for spec in chosen:
+        if not any(_is_side(end, table.side) for end in (spec.a, spec.b)):
+            yield Fault(f"{where}.side", table.side, f"an end of {spec.name}: {spec.a} or {spec.b}")
+            return
+
+
+def _is_side(end: str, side: str) -> bool:
+    """Whether `side` means the endpoint `end`: by its name, its role, or a pattern of either."""
+    return fnmatchcase(end, side) or fnmatchcase(end.rpartition(".")[2], side)

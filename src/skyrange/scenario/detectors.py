@@ -25,6 +25,12 @@ class DetectorTable(Model):
         min_length=1,
         description="The links that it listens to: names such as 'gcs:blue/b1', or patterns with *.",
     )
+    side: str = Field(
+        default="gcs",
+        min_length=1,
+        description="At which end of them it listens: an endpoint's role such as 'gcs' or 'companion', an endpoint, or a "
+        "pattern; * for both ends.",
+    )
     params: dict[str, Any] = Field(
         default_factory=dict, validate_default=True, description="The kind's own parameters."
     )
