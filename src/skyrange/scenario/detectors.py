@@ -28,8 +28,8 @@ class DetectorTable(Model):
     side: str = Field(
         default="gcs",
         min_length=1,
-        description="At which end of them it listens: an endpoint's role such as 'gcs' or 'companion', an endpoint, or a "
-        "pattern; * for both ends.",
+        description="At which end of them it listens: an endpoint's role such as 'gcs' or 'companion', an endpoint, or "
+        "a pattern; * for both ends.",
     )
     params: dict[str, Any] = Field(
         default_factory=dict, validate_default=True, description="The kind's own parameters."
