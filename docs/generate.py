@@ -7,6 +7,7 @@ pages beside it; `tests/unit/test_docs.py` fails while a block is out of date.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -417,7 +418,20 @@ def avoidance() -> str:
     return table(("parameter", "default", "meaning"), rows)
 
 
+# ---------------------------------------------------------------- the Python API
+
+
+def python_api() -> str:
+    """Every public name with its signature and docstring."""
+    if str(DOCS) not in sys.path:
+        sys.path.insert(0, str(DOCS))
+    from public_api import described
+
+    return described()
+
+
 GENERATED: dict[str, Callable[[], str]] = {
+    "python-api": python_api,
     "cli": cli,
     "scenario": scenario,
     "attacks": attacks,

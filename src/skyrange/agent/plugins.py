@@ -122,14 +122,17 @@ def find(group: str, kind: str) -> Plugin[Any, Any]:
 def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
     """Run a Python file that calls `register`; returns (group, kind) of each plugin that it offers.
 
-    A file that was loaded before is not run again. Raises InputError for a file that is missing, raises an error, or
-    registers nothing.
+    A file that was loaded or imported before is not run again. Raises InputError for a file that is missing, that
+    raises an error, or that registers nothing.
     """
     path = Path(file).expanduser().absolute()
     if path in _loaded_files and _registered.keys() >= set(_loaded_files[path]):
         return _loaded_files[path]
     if not path.is_file():
         raise InputError.one("--plugin", "file", str(file), "a Python file that exists")
+    known = _offered_by(path)
+    if known:
+        return known
     name = f"skyrange_plugin_{re.sub(r'[^A-Za-z0-9]', '_', path.stem)}_{len(_loaded_files)}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
@@ -156,6 +159,13 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
         raise
     _loaded_files[path] = added
     return added
+
+
+def _offered_by(path: Path) -> tuple[tuple[str, str], ...]:
+    """What a file offers that is imported already, under whatever name."""
+    modules = [one for one in list(sys.modules.values()) if getattr(one, "__file__", None) == str(path)]
+    held = {id(value) for module in modules for value in vars(module).values()}
+    return tuple(sorted(key for key, plugin in _registered.items() if id(plugin) in held))
 
 
 def load_files(files: Iterable[str | Path]) -> None:
