@@ -12,7 +12,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.ids import vehicle_id
 from skyrange.kernel import EngineMount
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import keys_of
+from skyrange.scenario.signing import derive_keys
 from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world import Body, SensorSpec, World
 from skyrange.world.magnetism import field_at
@@ -40,7 +40,7 @@ def build_aircraft(
             heading_deg=start.heading_deg,
             params=dict(vehicle.params),
             wind_enu_mps=scenario.wind.air.steady_enu_mps,
-            signing_key=keys_of(scenario, operator).aircraft,
+            signing_key=derive_keys(scenario, operator).aircraft,
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
     datum = scenario.origin.datum

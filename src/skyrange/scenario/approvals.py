@@ -10,7 +10,7 @@ from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.core.ids import APPROVAL
-from skyrange.scenario.network import with_channel
+from skyrange.scenario.network import apply_link_rules
 from skyrange.scenario.schema import Scenario
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
 
@@ -35,7 +35,7 @@ def build_approvals(scenario: Scenario, city: City | None) -> list[ApprovalServi
             faults = [Fault(f"approvals.{kind}.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
             raise InputError(f"scenario {scenario.name}", faults) from error
         _check_ports(service, context)
-        links: Sequence[LinkSpec] = [with_channel(scenario, spec) for spec in service.links]
+        links: Sequence[LinkSpec] = [apply_link_rules(scenario, spec) for spec in service.links]
         services.append(replace(service, links=links))
     return services
 

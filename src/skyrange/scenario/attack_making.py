@@ -18,12 +18,12 @@ from skyrange.core.time import NEVER, from_seconds
 from skyrange.remoteid.profiles import serial_number
 from skyrange.scenario.air import RemoteId
 from skyrange.scenario.attacks import AttackTable
-from skyrange.scenario.radio_checks import misplaced
+from skyrange.scenario.radio_checks import check_place
 from skyrange.scenario.schema import Scenario
 
 
 @dataclass(slots=True)
-class Made:
+class MadeAttacks:
     """All attacks of a scenario, made: what is added to its wiring, its medium and its manifest."""
 
     plans: list[AttackPlan] = field(default_factory=list)
@@ -35,7 +35,7 @@ class Made:
     faults: list[Fault] = field(default_factory=list)
 
 
-def setting_of(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> Setting:
+def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> Setting:
     """What attacks are told; the id, schedule and sham of each are its own."""
     vehicles = {}
     for operator, vehicle in scenario.fleet:
@@ -55,12 +55,12 @@ def setting_of(scenario: Scenario, links: Sequence[LinkSpec], city: City | None)
     )
 
 
-def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> Made:
+def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> MadeAttacks:
     """Make every attack; what is wrong with them is in `faults`.
 
     `setting` is that of all of them; id, schedule and sham are filled in for each.
     """
-    made = Made()
+    made = MadeAttacks()
     for attack in attacks:
         own = replace(setting, id=attack.id, schedule=Schedule(), sham=attack.sham)
         where = f"attacks.{attack.id}"
@@ -130,7 +130,7 @@ def _row(attack: AttackTable, made: Attack) -> dict[str, Any]:
     }
 
 
-def radio_faults(radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
+def check_transmitters(radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
     """Attackers' radios where none can be."""
     for radio in radios:
-        yield from misplaced(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)
+        yield from check_place(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)

@@ -98,7 +98,7 @@ class AttackTable(Model):
         return AttackKind.find(self.kind)
 
 
-def attack_faults(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Fault]:
+def check_attack_vehicles(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Fault]:
     """Aircraft in triggers and anchors that the scenario does not have."""
     for index, attack in enumerate(attacks):
         named = [("anchor", attack.anchor)] if attack.anchor is not None else []

@@ -1,4 +1,4 @@
-"""What do all parts of the scenario model share? Names, files, and errors that help.
+"""Base of the scenario's models: frozen, strict, with errors that name the key.
 
 A model built in Python raises InputError, as a file does.
 """
@@ -29,10 +29,10 @@ class Model(BaseModel):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise input_error(type(self).__name__, error, type(self), data, self.faults_between) from None
+            raise input_error(type(self).__name__, error, type(self), data, self.cross_check) from None
 
     @classmethod
-    def faults_between(cls, data: Any) -> list[Fault]:
+    def cross_check(cls, data: Any) -> list[Fault]:
         """Faults between the parts of `data`, a table this model is to be built from; none unless it says so."""
         return []
 

@@ -1,4 +1,4 @@
-"""Who flies what, from where? A vehicle, and a fleet of many that differ only in place and time."""
+"""Vehicles of a scenario, one by one, and fleets of many that differ only in place and time."""
 
 from __future__ import annotations
 

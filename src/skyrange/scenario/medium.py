@@ -24,7 +24,7 @@ from skyrange.scenario.air import RemoteId
 from skyrange.scenario.fleet import Vehicle
 from skyrange.scenario.operators import Operator
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import keys_of
+from skyrange.scenario.signing import derive_keys
 from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext
 from skyrange.vehicle.companion.companion import Companion
 from skyrange.vehicle.companion.spec import CompanionSpec
@@ -34,7 +34,7 @@ COMPANIONS = "companions"
 
 
 @dataclass(slots=True)
-class OnAir:
+class BuiltRadio:
     """What a radio medium adds to a wiring; nothing without one."""
 
     agents: list[Agent] = field(default_factory=list)
@@ -60,32 +60,32 @@ def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Br
     )
 
 
-def lookout_of(operator: str, scenario: Scenario) -> Lookout | None:
+def make_lookout(operator: str, scenario: Scenario) -> Lookout | None:
     """What an operator's ground receivers tell its ground station; `None` without any."""
     receivers = scenario.radio.receivers if scenario.radio is not None else ()
     names = [receiver.id for receiver in receivers if receiver.operator == operator]
     return Lookout(operator, names, scenario.origin.datum) if names else None
 
 
-def medium_told(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]:
+def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]:
     """What the manifest says of the radio medium, under `medium`; nothing of the builtin one, or of none."""
     if scenario.radio is None or oracle is None or scenario.radio.plugin is BUILTIN:
         return {}
     return {"medium": {"kind": scenario.radio.engine, **oracle.medium.manifest}}
 
 
-def on_air(
+def build_radio(
     scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter], here: Container[str]
-) -> OnAir:
+) -> BuiltRadio:
     """Medium, oracle and companions, of those that live at the endpoints `here`.
 
     Raises `InputError` with everything that is wrong with the radios.
     """
     if scenario.radio is None:
-        return OnAir()
+        return BuiltRadio()
     oracle = _oracle(scenario, city, chance, attackers) if ENDPOINT in here else None
     companions = _companions(scenario, city, chance, here)
-    return OnAir([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
+    return BuiltRadio([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
 
 
 def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter]) -> Oracle:
@@ -127,7 +127,7 @@ def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Con
                 broadcast_of(operator, vehicle, scenario),
                 avoidance,
                 vehicle.plan.speed_mps or CRUISE_MPS,
-                keys_of(scenario, operator).aircraft,
+                derive_keys(scenario, operator).aircraft,
             )
         )
     return Companion(COMPANIONS, aboard, scenario.origin.datum, chance) if aboard else None

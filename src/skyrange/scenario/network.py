@@ -16,7 +16,7 @@ ORACLE_CHANNEL = Channel(mode="reliable", latency_ns=NS_PER_MS)
 """Run control and what ground receivers hear: a message queue within one computing centre."""
 
 
-def network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
+def build_network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
     """All links and routes, without those that attacks and approvals bring along."""
     links: list[LinkSpec] = []
     all_routes: list[Route] = []
@@ -26,12 +26,12 @@ def network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
         links.append(LinkSpec(name, station, APPROVAL, scenario.channel(name, APPROVAL_CHANNEL)))
         for vehicle in operator.vehicles:
             key = vehicle_id(operator.id, vehicle.id)
-            links += [with_channel(scenario, spec) for spec in vehicle_links(key, operator.id)]
+            links += [apply_link_rules(scenario, spec) for spec in vehicle_links(key, operator.id)]
             all_routes += routes(key)
     return [*links, *_air_links(scenario)], all_routes
 
 
-def with_channel(scenario: Scenario, spec: LinkSpec) -> LinkSpec:
+def apply_link_rules(scenario: Scenario, spec: LinkSpec) -> LinkSpec:
     """A link with the channel that the scenario's rules make of its own."""
     return LinkSpec(spec.name, spec.a, spec.b, scenario.channel(spec.name, spec.channel))
 
@@ -43,4 +43,4 @@ def _air_links(scenario: Scenario) -> list[LinkSpec]:
     links = [spec for operator, v in scenario.fleet for spec in air_links(vehicle_id(operator.id, v.id))]
     listeners = dict.fromkeys(receiver.operator for receiver in scenario.radio.receivers)
     links += [LinkSpec(link_name("oracle", o), endpoint(o, "gcs"), ENDPOINT, ORACLE_CHANNEL) for o in listeners]
-    return [with_channel(scenario, spec) for spec in links]
+    return [apply_link_rules(scenario, spec) for spec in links]

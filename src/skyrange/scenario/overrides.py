@@ -20,7 +20,7 @@ from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.scenario.files import FILE_KEYS
 from skyrange.scenario.operators import operator_names, vehicle_names
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.walk import element_of, model_of, step, value_of
+from skyrange.scenario.walk import element_of, model_of, type_below, value_of
 
 _KEY = re.compile(r'"([^"]+)"|([^."]+)')
 
@@ -119,7 +119,7 @@ def _places(part: Any, annotation: Any, keys: Sequence[str], above: tuple[str, .
         if not rest:
             yield part, name
             continue
-        below = step(annotation, name)
+        below = type_below(annotation, name)
         if model_of(below) is not None or value_of(below) is not None:
             existing = part.get(name)
             if existing is None:

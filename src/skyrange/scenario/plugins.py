@@ -11,7 +11,7 @@ from skyrange.agent.plugins import Plugin, find, kinds
 from skyrange.agent.settings import Params, refuse
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.scenario.base import wrong
-from skyrange.scenario.faults import faults_of
+from skyrange.scenario.faults import explain_errors
 
 
 def known(group: str, what: str) -> AfterValidator:
@@ -32,7 +32,7 @@ def params_of(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "
         return plugin.params.model_validate(given)
     except ValidationError as error:
         prefix = f"{where}." if where else ""
-        found = faults_of(error, plugin.params, given)
+        found = explain_errors(error, plugin.params, given)
         faults = [Fault(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in found]
         raise InputError("scenario", faults) from None
 

@@ -8,12 +8,12 @@ from skyrange.attack.contract import Transmitter
 from skyrange.city.city import City
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import owner_of, vehicle_id
-from skyrange.scenario.faults import spelled
+from skyrange.scenario.faults import spell_path
 from skyrange.scenario.medium import broadcast_of
 from skyrange.scenario.schema import Scenario
 
 
-def air_faults(scenario: Scenario, radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
+def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
     """Everything about the air that only the whole scenario can show."""
     if scenario.radio is None:
         hint = "Add [radio] to the scenario."
@@ -30,7 +30,7 @@ def air_faults(scenario: Scenario, radios: Sequence[Transmitter], city: City | N
     attackers = {owner_of(radio.endpoint) for radio in radios}
     seen: set[str] = set()
     for index, receiver in enumerate(scenario.radio.receivers):
-        where = spelled(("radio", "receivers", index), scenario)
+        where = spell_path(("radio", "receivers", index), scenario)
         if receiver.operator not in operators:
             yield Fault(
                 f"{where}.operator",
@@ -41,7 +41,7 @@ def air_faults(scenario: Scenario, radios: Sequence[Transmitter], city: City | N
         if receiver.id in seen or receiver.id in attackers:
             yield Fault(f"{where}.id", receiver.id, "an id that no other receiver and no attack has")
         seen.add(receiver.id)
-        yield from misplaced(f"{where}.place", receiver.place, city)
+        yield from check_place(f"{where}.place", receiver.place, city)
     for operator, vehicle in scenario.fleet:
         try:
             broadcast_of(operator, vehicle, scenario)
@@ -50,7 +50,7 @@ def air_faults(scenario: Scenario, radios: Sequence[Transmitter], city: City | N
             yield from (Fault(f"{key}.remote_id.{f.where}", f.value, f.expected, f.hint) for f in error.faults)
 
 
-def misplaced(where: str, place: tuple[float, float, float], city: City | None) -> Iterator[Fault]:
+def check_place(where: str, place: tuple[float, float, float], city: City | None) -> Iterator[Fault]:
     """Antennas below the ground or inside buildings; `where` is the place's key."""
     east_m, north_m, up_m = place
     shown = f"[{east_m:g}, {north_m:g}, {up_m:g}] m"

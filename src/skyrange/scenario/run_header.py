@@ -16,7 +16,7 @@ from skyrange.scenario.emit import to_toml
 from skyrange.scenario.schema import Scenario
 
 
-def header_of(
+def make_header(
     scenario: Scenario, city: City | None, links: list[LinkSpec], plans: Mapping[str, FlightPlan]
 ) -> dict[str, Any]:
     """The manifest's part that follows from the scenario, its links and its flight plans."""
@@ -68,7 +68,7 @@ def header_of(
     }
 
 
-def attachments_of(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
+def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
     """The scenario with all files it names, so that the folder alone repeats the run, and what was flown of them."""
     copies: dict[str, str] = {}
     files: dict[str, bytes] = {}

@@ -22,11 +22,11 @@ from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse
 from skyrange.scenario.detectors import DetectorTable
 from skyrange.scenario.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.hosts import Hosts
-from skyrange.scenario.links import Link, channel
-from skyrange.scenario.operators import Operator, named
+from skyrange.scenario.links import Link, resolve_channel
+from skyrange.scenario.operators import Operator, name_operators
 from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
 from skyrange.scenario.plugins import checked, describe, describe_by_kind, normalized, params_of
-from skyrange.scenario.whole import whole_faults
+from skyrange.scenario.whole import cross_check
 from skyrange.utm.contract import ApprovalPlugin
 from skyrange.world.wind import Wind as Air
 
@@ -259,8 +259,8 @@ class Scenario(Model):
 
     @model_validator(mode="after")
     def _as_a_whole(self) -> Scenario:
-        object.__setattr__(self, "operators", named(self.operators))
-        faults = whole_faults(self)
+        object.__setattr__(self, "operators", name_operators(self.operators))
+        faults = cross_check(self)
         if faults:
             raise refuse(*faults)
         for kind in sorted({operator.approval for operator in self.operators} - self.approvals.keys()):
@@ -268,9 +268,9 @@ class Scenario(Model):
         return self
 
     @classmethod
-    def faults_between(cls, data: Any) -> list[Fault]:
+    def cross_check(cls, data: Any) -> list[Fault]:
         """What `whole` finds in a table that is no scenario yet."""
-        return whole_faults(data)
+        return cross_check(data)
 
     @property
     def epoch(self) -> Epoch:
@@ -284,7 +284,7 @@ class Scenario(Model):
 
     def channel(self, name: str, default: Channel) -> Channel:
         """The channel of the link called `name`: `default` under every rule of `links` that matches."""
-        return channel(self.links, name, default)
+        return resolve_channel(self.links, name, default)
 
     def approval_params(self, kind: str) -> Params:
         """The parameters of an approval service as its plugin's own model."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from skyrange.core.errors import Fault, nearest
 from skyrange.core.ids import vehicle_id
-from skyrange.scenario.attacks import attack_faults
+from skyrange.scenario.attacks import check_attack_vehicles
 from skyrange.scenario.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.links import link_names
 from skyrange.scenario.operators import Operator
@@ -19,7 +19,7 @@ from skyrange.scenario.operators import Operator
 _NONE: tuple[Any, ...] = (None, (), [])
 
 
-def whole_faults(scenario: Any) -> list[Fault]:
+def cross_check(scenario: Any) -> list[Fault]:
     """All faults between the parts of a Scenario, or of the table it is to be built from.
 
     Of a table, only what can be told before its values are known to be sound.
@@ -37,7 +37,7 @@ def whole_faults(scenario: Any) -> list[Fault]:
     if not isinstance(scenario, Mapping):
         faults += _rule_faults(scenario)
         faults += _approval_faults(scenario)
-        faults += attack_faults(scenario.attacks, [vehicle_id(o.id, v.id) for o, v in scenario.fleet])
+        faults += check_attack_vehicles(scenario.attacks, [vehicle_id(o.id, v.id) for o, v in scenario.fleet])
     return faults
 
 

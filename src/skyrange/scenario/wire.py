@@ -19,17 +19,17 @@ from skyrange.kernel import Wiring
 from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.scenario.aircraft import build_aircraft, engines_told
 from skyrange.scenario.approvals import build_approvals
-from skyrange.scenario.attack_making import make_attacks, radio_faults, setting_of
+from skyrange.scenario.attack_making import check_transmitters, make_attack_context, make_attacks
 from skyrange.scenario.check import check
 from skyrange.scenario.detector_making import BuiltDetector, build_detectors
 from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.medium import lookout_of, medium_told, on_air
-from skyrange.scenario.network import network
+from skyrange.scenario.medium import build_radio, describe_medium, make_lookout
+from skyrange.scenario.network import build_network
 from skyrange.scenario.placing import placed
-from skyrange.scenario.radio_checks import air_faults
-from skyrange.scenario.run_header import attachments_of, header_of
+from skyrange.scenario.radio_checks import check_radios
+from skyrange.scenario.run_header import make_attachments, make_header
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import keys_of, signing_faults
+from skyrange.scenario.signing import check_signing, derive_keys
 from skyrange.scenario.surroundings import build_city
 
 
@@ -80,10 +80,15 @@ def wire(
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
-    links, all_routes = network(scenario)
-    made = make_attacks(scenario.attacks, setting_of(scenario, links, city))
-    faults = [*check(scenario, city), *made.faults, *signing_faults(scenario), *air_faults(scenario, made.radios, city)]
-    faults += radio_faults(made.radios, city)
+    links, all_routes = build_network(scenario)
+    made = make_attacks(scenario.attacks, make_attack_context(scenario, links, city))
+    faults = [
+        *check(scenario, city),
+        *made.faults,
+        *check_signing(scenario),
+        *check_radios(scenario, made.radios, city),
+    ]
+    faults += check_transmitters(made.radios, city)
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
     approvals = build_approvals(scenario, city)
@@ -91,7 +96,7 @@ def wire(
     detectors = build_detectors(scenario, links)
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
-    air = on_air(scenario, city, Chance(scenario.seed), made.radios, here)
+    air = build_radio(scenario, city, Chance(scenario.seed), made.radios, here)
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
     plans = {vehicle_id(operator.id, vehicle.id): flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet}
     world, engines = build_aircraft(scenario, city, chance, motion) if whole else (None, [])
@@ -109,8 +114,8 @@ def wire(
             )
             for vehicle in operator.vehicles
         ]
-        lookout = lookout_of(operator.id, scenario)
-        key = keys_of(scenario, operator).station
+        lookout = make_lookout(operator.id, scenario)
+        key = derive_keys(scenario, operator).station
         agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams, lookout=lookout, key=key))
     wiring = Wiring(
         seed=scenario.seed,
@@ -132,9 +137,9 @@ def wire(
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        header_of(scenario, city, links, plans)
-        | {"attacks": made.rows, "engines": engines_told(engines), **medium_told(scenario, air.oracle)},
-        attachments_of(scenario, plans, city),
+        make_header(scenario, city, links, plans)
+        | {"attacks": made.rows, "engines": engines_told(engines), **describe_medium(scenario, air.oracle)},
+        make_attachments(scenario, plans, city),
         air.oracle,
         detectors,
     )
