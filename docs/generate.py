@@ -7,6 +7,7 @@ pages beside it; `tests/unit/test_docs.py` fails while a block is out of date.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,7 @@ _SECTIONS = (
     ("Link", "`[[links]]`"),
     ("AttackTable", "`[[attacks]]`"),
     ("When", "`when` of an attack"),
+    ("DetectorTable", "`[[detectors]]`"),
     ("Operator", "`[[operators]]`"),
     ("Vehicle", "`[[operators.vehicles]]`"),
     ("Fleet", "`[[operators.fleets]]`"),
@@ -120,8 +122,7 @@ def scenario() -> str:
 
     schema = described.json_schema()
     models = {"Scenario": schema, **schema["$defs"]}
-    for _, kind in _attack_kinds():  # their parameters have a page of their own
-        del models[kind.params.__name__]
+    models = {name: model for name, model in models.items() if "." not in name}  # without parameters of plugins
     missing = set(models) - {name for name, _ in _SECTIONS}
     assert not missing, f"give {missing} a section"
     parts = []
@@ -145,9 +146,10 @@ def _keys(model: Mapping[str, Any], fields: Mapping[str, Any]) -> str:
 def _attack_kinds() -> list[tuple[str, Any]]:
     """Every kind of attack that this project ships, by name."""
     from skyrange.agent.plugins import ATTACKS, kinds
-    from skyrange.scenario.attacks import kind_of
+    from skyrange.attack.contract import AttackKind
 
-    return [(name, kind_of(name)) for name in kinds(ATTACKS) if kind_of(name).make.__module__.startswith("skyrange.")]
+    found = [(name, AttackKind.find(name)) for name in kinds(ATTACKS)]
+    return [(name, kind) for name, kind in found if kind.make.__module__.startswith("skyrange.")]
 
 
 def attacks() -> str:
@@ -250,8 +252,7 @@ def links() -> str:
     """Every kind of link of a run, with its ends and default channel, as it is wired."""
     from skyrange.core.ids import APPROVAL, endpoint
     from skyrange.scenario.links import AIR_LINKS, OPERATOR_LINKS, VEHICLE_LINKS
-    from skyrange.scenario.medium import ORACLE_CHANNEL
-    from skyrange.scenario.wire import APPROVAL_CHANNEL
+    from skyrange.scenario.network import APPROVAL_CHANNEL, ORACLE_CHANNEL
     from skyrange.vehicle.onboard import air_links
     from skyrange.vehicle.onboard import links as vehicle_links
 
@@ -417,7 +418,20 @@ def avoidance() -> str:
     return table(("parameter", "default", "meaning"), rows)
 
 
+# ---------------------------------------------------------------- the Python API
+
+
+def python_api() -> str:
+    """Every public name with its signature and docstring."""
+    if str(DOCS) not in sys.path:
+        sys.path.insert(0, str(DOCS))
+    from public_api import described
+
+    return described()
+
+
 GENERATED: dict[str, Callable[[], str]] = {
+    "python-api": python_api,
     "cli": cli,
     "scenario": scenario,
     "attacks": attacks,

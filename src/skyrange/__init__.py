@@ -2,42 +2,44 @@
 
 >>> import skyrange
 >>> record = skyrange.run("squares")      # doctest: +SKIP
+
+Public are this module, `skyrange.scenario`, `skyrange.plugin`, `skyrange.analysis` and `skyrange.testing`. All other
+modules are private and may change.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
     from skyrange.agent.plugins import register
-    from skyrange.core.errors import SkyrangeError
+    from skyrange.core.errors import InputError, SkyrangeError
     from skyrange.record import load
+    from skyrange.runtime.run import Run
+    from skyrange.runtime.viewers import Viewers
     from skyrange.scenario.schema import Scenario
     from skyrange.study.pairing import pair
     from skyrange.study.session import run
 
 __version__ = "0.1.0"
 
-__all__ = ["Scenario", "SkyrangeError", "__version__", "load", "pair", "register", "run"]
+__all__ = [
+    "InputError",
+    "Run",
+    "Scenario",
+    "SkyrangeError",
+    "Viewers",
+    "__version__",
+    "load",
+    "pair",
+    "register",
+    "run",
+]
 
-_HOMES = {
-    "Scenario": "skyrange.scenario.schema",
-    "SkyrangeError": "skyrange.core.errors",
-    "load": "skyrange.record",
-    "pair": "skyrange.study.pairing",
-    "register": "skyrange.agent.plugins",
-    "run": "skyrange.study.session",
-}
-
-
-def __getattr__(name: str) -> Any:
-    """Import on first use, so that `import skyrange` stays quick."""
-    home = _HOMES.get(name)
-    if home is None:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(home), name)
+if not TYPE_CHECKING:
+    __getattr__ = export_lazily(__name__)
 
 
 def __dir__() -> list[str]:

@@ -13,7 +13,7 @@ pytestmark = needs_arducopter
 
 
 def test_ardupilot_keeps_the_contract() -> None:
-    from skyrange.vehicle.ardupilot.engine import ArduPilotFleet
+    from skyrange.vehicle.ardupilot.engine import ARDUPILOT
 
     specs = [replace(spec, params={"SCHED_LOOP_RATE": 100}) for spec in FLEET[:2]]
-    check_engine(ArduPilotFleet, specs=specs, until=NS_PER_S, name="ArduPilot")
+    check_engine(ARDUPILOT, specs=specs, until=NS_PER_S, name="ArduPilot")

@@ -10,7 +10,7 @@ import pytest
 from skyrange.agent import plugins
 from skyrange.agent.frames import Frame
 from skyrange.agent.links import LinkSpec
-from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, find, kinds
+from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, MEDIA, kinds
 from skyrange.agent.verdicts import Pass, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time
@@ -21,9 +21,11 @@ from skyrange.testing import Letter, Postbag, check_agent, check_approval, check
 from skyrange.testing.approvals import EPOCH, ordinary
 from skyrange.testing.fleet import CHANCE, FLEET, ORIGIN, open_field
 from skyrange.utm.approve_all import ApproveAll
+from skyrange.utm.contract import ApprovalPlugin
 from skyrange.utm.messages import Request, encode
 from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.builtin.engine import BuiltinFleet
+from skyrange.vehicle.spec import AutopilotPlugin
 from tests.probes.test_taps import Flooder, Meddler
 from tests.probes.toys import Bodies, Climber, Fleet, Station, onboard
 
@@ -33,6 +35,7 @@ BLUE = FLEET[:2]
 def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_registered", {})
     assert set(kinds(APPROVALS)) == {"approve-all"}
+    assert set(kinds(MEDIA)) == {"builtin"}  # test_radio_media
     assert set(kinds(AUTOPILOTS)) == {
         "ardupilot",
         "builtin",
@@ -44,11 +47,11 @@ def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.Monke
 
 
 def test_approve_all() -> None:
-    check_approval(find(APPROVALS, "approve-all"))
+    check_approval(ApprovalPlugin.find("approve-all"))
 
 
 def test_builtin_autopilot() -> None:
-    check_engine(find(AUTOPILOTS, "builtin"))
+    check_engine(AutopilotPlugin.find("builtin"))
 
 
 def test_flight_approval() -> None:

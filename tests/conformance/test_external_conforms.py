@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 
+from skyrange.agent.contracts import Engine
 from skyrange.core.time import NS_PER_S
 from skyrange.testing import check_engine
 from skyrange.testing.fleet import FLEET, ORIGIN
-from skyrange.vehicle.external.engine import External, ExternalFleet
+from skyrange.vehicle.external.engine import EXTERNAL
 from skyrange.vehicle.external.options import Options
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.spec import AutopilotContext, VehicleSpec
 from tests.foreign_vehicle import Foreign
 
 pytestmark = pytest.mark.realtime
@@ -29,8 +30,8 @@ def test_external_vehicles_keep_the_contract() -> None:
             for spec in specs
         }
 
-        def factory(name: str, specs: Sequence[VehicleSpec], *rest: Any) -> External:
+        def factory(name: str, specs: Sequence[VehicleSpec], *rest: Any) -> Engine:
             connect = {spec.vehicle: f"tcp:127.0.0.1:{ports[spec.vehicle]}" for spec in specs}
-            return ExternalFleet(name, specs, *rest, options=Options(connect=connect, boot_s=5.0))
+            return EXTERNAL(Options(connect=connect, boot_s=5.0), AutopilotContext(name, specs, *rest))
 
         check_engine(factory, specs=specs, until=NS_PER_S // 2, name="External")

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 from skyrange.agent.air import OnAir, RadioSpec, RadioTable, TxBatch
+from skyrange.agent.plugins import NoParams
 from skyrange.core.chance import Chance
+from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, Time
+from skyrange.radio.contract import MediumPlugin
 from skyrange.radio.medium import BuiltinMedium
 from skyrange.radio.surroundings import QUIET_CITY
 from skyrange.radio.table import FREE, STATE
@@ -19,6 +22,7 @@ from skyrange.testing import NonConformance, check_medium
 
 
 def test_the_builtin_medium_conforms() -> None:
+    check_medium(MediumPlugin.find("builtin"))
     check_medium(lambda radios: BuiltinMedium(radios, Chance(3)))
     check_medium(lambda radios: BuiltinMedium(radios, Chance(3), surroundings=QUIET_CITY, every_pair=True))
 
@@ -92,11 +96,71 @@ class Choosy(BuiltinMedium):
         super().offer(now, requests)
 
 
+class Vague(BuiltinMedium):
+    """Does not know whether it repeats."""
+
+    repeatable: Any = "perhaps"
+
+    def __init__(self, radios: Sequence[RadioSpec]) -> None:
+        super().__init__(radios, Chance(1))
+
+
+class Fragile(BuiltinMedium):
+    """Can be closed once."""
+
+    closed = False
+
+    def __init__(self, radios: Sequence[RadioSpec]) -> None:
+        super().__init__(radios, Chance(1))
+
+    def close(self) -> None:
+        if self.closed and (self._until or 0) > 0:
+            raise ProcessLookupError("ended already")
+        self.closed = True
+
+
+class Outside(Lucky):
+    """As a program is: it repeats the outcome alone, and cannot be copied."""
+
+    repeatable: Any = "outcome"
+    alive = 0
+
+    def __init__(self, radios: Sequence[RadioSpec]) -> None:
+        super().__init__(radios)
+        Outside.alive += 1
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> BuiltinMedium:
+        raise ComponentError("medium outside", "a program cannot be copied")
+
+    def close(self) -> None:
+        Outside.alive -= 1
+
+
+def test_a_program_conforms_and_every_one_that_was_started_is_closed() -> None:
+    plugin = MediumPlugin(NoParams, lambda params, context: Ended(context.radios), "Runs elsewhere.", program=True)
+    Outside.alive = 0
+    check_medium(plugin)
+    assert Outside.alive == 0
+    with pytest.raises(NonConformance, match=r"medium Ended breaks medium\.copies"):
+        check_medium(MediumPlugin(NoParams, plugin.make, "Says nothing of a program."))
+
+
+class Ended(Outside):
+    """Ends once, however often it is closed."""
+
+    ended = False
+
+    def close(self) -> None:
+        if not self.ended:
+            self.ended = True
+            super().close()
+
+
 @pytest.mark.parametrize(
     ("medium", "rule"),
     [
         (ByRows, "company"), (ByCuts, "cut"), (Forgetful, "copies"), (Lucky, "repeatable"), (Late, "answers"),
-        (Deaf, "hears"), (Choosy, "refuses"),
+        (Deaf, "hears"), (Choosy, "refuses"), (Vague, "declares"), (Fragile, "closes"),
     ],
 )  # fmt: skip
 def test_what_breaks_a_rule_is_found(medium: type[Any], rule: str) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from skyrange.agent.frames import Frame
 from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.agent.plugins import AUTOPILOTS, register
+from skyrange.agent.plugins import AUTOPILOTS, NoParams, register
 from skyrange.agent.verdicts import Inject, Replace, Verdict
 from skyrange.codec.mavlink import Packer, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
@@ -31,7 +31,7 @@ from skyrange.scenario.signing import passphrase
 from skyrange.scenario.wire import wire
 from skyrange.study.export import mavlink
 from skyrange.study.session import fly
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.spec import AutopilotPlugin, VehicleSpec
 from tests.integration.flight_harness import EPOCH, Range
 from tests.tiers import needs_tshark
 
@@ -279,7 +279,7 @@ def test_an_aircraft_that_was_switched_off_and_on_believes_nothing_of_before() -
 
 
 def test_an_autopilot_that_cannot_sign_is_named() -> None:
-    register(AUTOPILOTS, "unsigned", _unsigned)
+    register(AUTOPILOTS, "unsigned", AutopilotPlugin(NoParams, _unsigned, "Knows of no keys."))
     with pytest.raises(InputError, match=r"blue/b1\.autopilot.*unsigned.*signs its MAVLink"):
         wire(scenario("on", autopilot="unsigned"))
     with pytest.raises(InputError, match=r"signing.*onn"):

@@ -17,7 +17,7 @@ from skyrange.codec.mavlink import Packer, dialect
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.detect.heartbeat_gap import SERVICE_NS, HeartbeatGapParams, make_heartbeat_gap
+from skyrange.detect.heartbeat_gap import SERVICE_NS, HeartbeatGap, HeartbeatGapParams
 from skyrange.detect.receptions import read_receptions
 from skyrange.detect.telemetry import read_messages
 from skyrange.radio.ground import Reception, Report, encode
@@ -27,7 +27,7 @@ from skyrange.study.session import run
 from skyrange.testing.monitors import collect_frames, serve
 
 PORTS = (Port("blue.gcs", "gcs:blue/b1"), Port("blue.gcs", "gcs:blue/b2"))
-GAP = MonitorPlacement("gap", lambda: make_heartbeat_gap(HeartbeatGapParams()), ["gcs:*"], "gcs")
+GAP = MonitorPlacement("gap", lambda: HeartbeatGap(HeartbeatGapParams()), ["gcs:*"], "gcs")
 
 
 def heartbeat(component: int = 1, version: int = 2) -> bytes:
@@ -44,7 +44,7 @@ def seen(at_s: float, payload: bytes, place: int = 0, received: bool = True) -> 
 
 
 def alerts(frames: Sequence[ObservedFrame], until_s: float, **params: float) -> list[tuple[float, Alert]]:
-    monitor = make_heartbeat_gap(HeartbeatGapParams(**params))  # type: ignore[arg-type]
+    monitor = HeartbeatGap(HeartbeatGapParams(**params))  # type: ignore[arg-type]
     ordered = sorted(frames, key=lambda frame: (frame.at, frame.port))
     found = serve(monitor, PORTS, ordered, from_seconds(until_s))
     return [(now / NS_PER_S, alert) for now, _, said in found for alert in said]

@@ -1,18 +1,20 @@
 """Are the documents true? Links lead somewhere, examples run, commands exist, references are what the code says.
 
 Examples are fenced blocks whose first line says more than the language: `toml scenario NAME` is a whole scenario and is
-written to NAME, `json file NAME` is a file, `python run` and `console run` are executed, in order, each page in a
-folder of its own that holds the run `runs/squares`.
+written to NAME, `json file NAME` and `python file NAME` are files, `python run` and `console run` are executed, in
+order, each page in a folder of its own that holds the run `runs/squares`.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
 import importlib.util
 import json
 import re
 import shlex
 import shutil
+import sys
 import tomllib
 from contextlib import suppress
 from functools import cache
@@ -34,6 +36,10 @@ assert _spec is not None
 assert _spec.loader is not None
 generate = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(generate)
+
+
+FACADE = {"skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.testing"}
+"""The public modules."""
 
 
 class Block(NamedTuple):
@@ -109,6 +115,7 @@ def test_blocks_are_closed_and_known(page: Path) -> None:
         "json",
         "json file",
         "python",
+        "python file",
         "python run",
         "sh",
         "text",
@@ -116,6 +123,32 @@ def test_blocks_are_closed_and_known(page: Path) -> None:
         "toml scenario",
     }
     assert {" ".join(block.words[:2]) for block in blocks(page)} <= known
+
+
+def skyrange_imports(code: str) -> set[str]:
+    """The modules of this project from which some code imports; of `from skyrange import x` the module, not x."""
+    found = set()
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.ImportFrom) and node.module is not None:
+            found.add(node.module)
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return {name for name in found if name.split(".")[0] == "skyrange"}
+
+
+@pytest.mark.parametrize("page", PARAMS)
+def test_examples_use_the_public_modules_alone(page: Path) -> None:
+    code = [block.text for block in blocks(page) if block.words[:1] == ("python",)]
+    assert set().union(*map(skyrange_imports, code)) <= FACADE
+
+
+def test_notebooks_use_the_public_modules_alone() -> None:
+    books = sorted(DOCS.rglob("*.ipynb"))
+    assert books
+    for book in books:
+        cells = json.loads(book.read_text(encoding="utf-8"))["cells"]
+        code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+        assert set().union(*map(skyrange_imports, code)) <= FACADE, book.name
 
 
 @pytest.mark.parametrize("page", PARAMS)
@@ -185,28 +218,42 @@ def test_examples_run(
     page: Path, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What a page tells its reader to do works, in the order in which it is told."""
-    from skyrange.scenario.load import load_file
-    from skyrange.scenario.wire import wire
-
     shutil.copytree(flown / "runs", tmp_path / "runs")
     if page.parent == DOCS / "tutorials" or page == ROOT / "README.md":
         shutil.rmtree(tmp_path / "runs")  # a tutorial starts from nothing
-    monkeypatch.chdir(tmp_path)
-    names: dict[str, Any] = {"__name__": "__main__"}
-    for block in blocks(page):
-        where = f"{page.relative_to(ROOT)}:{block.line}"
-        if block.words[1:2] == ("scenario",):
-            path = tmp_path / block.words[2]
-            path.write_text(block.text, encoding="utf-8")
-            wire(load_file(path))
-        elif block.words[1:2] == ("file",):
-            (tmp_path / block.words[2]).write_text(block.text, encoding="utf-8")
-        elif block.words == ("python", "run"):
-            exec(compile("\n" * block.line + block.text, where, "exec", dont_inherit=True), names)
-        elif block.words == ("console", "run"):
-            for arguments in console_lines(block):
-                _command_line(arguments, where)
-        capsys.readouterr()
+    run_page(page, tmp_path, monkeypatch, {})
+
+
+def run_page(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, names: dict[str, Any]) -> None:
+    """Do what a page says, in `folder`, its Python in the namespace `names`; then forget the plugins of the page."""
+    from skyrange.agent import plugins
+    from skyrange.scenario.load import load_file
+    from skyrange.scenario.wire import wire
+
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
+    monkeypatch.setattr(plugins, "_loaded_files", {})
+    before = set(sys.modules)
+    names["__name__"] = "__main__"
+    try:
+        for block in blocks(page):
+            where = f"{page.relative_to(ROOT)}:{block.line}"
+            if block.words[1:2] == ("scenario",):
+                path = folder / block.words[2]
+                path.write_text(block.text, encoding="utf-8")
+                wire(load_file(path))
+            elif block.words[1:2] == ("file",):
+                (folder / block.words[2]).write_text(block.text, encoding="utf-8")
+            elif block.words == ("python", "run"):
+                exec(compile("\n" * block.line + block.text, where, "exec", dont_inherit=True), names)
+            elif block.words == ("console", "run"):
+                for arguments in console_lines(block):
+                    _command_line(arguments, where)
+    finally:
+        for name in set(sys.modules) - before:
+            if str(getattr(sys.modules[name], "__file__", "")).startswith(str(folder)):
+                del sys.modules[name]
 
 
 def _command_line(arguments: list[str], where: str) -> None:
@@ -263,7 +310,7 @@ def test_root_exports_are_described() -> None:
     import skyrange
 
     page = (DOCS / "reference" / "python-api.md").read_text(encoding="utf-8")
-    assert not [name for name in skyrange.__all__ if f"`{name}`" not in page and f"`{name}(" not in page]
+    assert not [name for name in skyrange.__all__ if not name.startswith("_") and f"`skyrange.{name}`" not in page]
     named = re.findall(r"`(skyrange(?:\.[A-Za-z_]+)+)[`(]", page)
     assert len(named) > 20
     assert not [name for name in named if not _is_there(name)]

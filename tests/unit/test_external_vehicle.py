@@ -23,11 +23,11 @@ from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.runtime.pace import held_to
 from skyrange.scenario.load import build
 from skyrange.scenario.wire import wire
-from skyrange.vehicle.external.engine import External, ExternalFleet
+from skyrange.vehicle.external.engine import EXTERNAL, External
 from skyrange.vehicle.external.options import Options
 from skyrange.vehicle.external.reports import Reports, quaternion
 from skyrange.vehicle.onboard import links
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.spec import AutopilotContext, VehicleSpec
 from skyrange.world import Body, World
 from tests.foreign_vehicle import ORIGIN, Foreign
 
@@ -46,7 +46,7 @@ def made(*foreign: Foreign, motion: bool = False, allow: bool = False, system_id
     specs = [VehicleSpec(name, system_id) for name in names]
     connect = {name: f"tcp:127.0.0.1:{one.port}" for name, one in zip(names, foreign, strict=True)}
     told = Options(connect=connect, allow_motion=allow, **options)
-    engine = ExternalFleet("external", specs, ORIGIN, Epoch(0), Chance(0), told, motion=motion)
+    engine = EXTERNAL(told, AutopilotContext("external", specs, ORIGIN, Epoch(0), Chance(0), motion))
     assert isinstance(engine, External)
     return engine
 

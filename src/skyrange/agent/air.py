@@ -6,10 +6,10 @@ is being sent.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,11 +212,15 @@ class Receptions(NamedTuple):
 
 
 class Medium(Protocol):
-    """Who hears whom. State is deep-copyable.
+    """A radio medium: which radio receives which frame, and when a frame gets its turn.
 
     What it answers depends neither on how the time is cut into `advance`s, nor, but for interference, on what else is
-    on the air: chance is addressed by the radios' names and by times, never by rows or counters.
+    on the air: chance is addressed by the radios' names and by times, never by rows or counters. Its state is
+    deep-copyable; one that is a program may refuse `copy.deepcopy` with a `ComponentError`.
     """
+
+    repeatable: Literal["bytes", "outcome"]
+    """Whether the same inputs give the same answers to the byte; "outcome" for a program that cannot promise it."""
 
     radios: Sequence[RadioSpec]
     """In the order of every table's rows: sorted by name."""
@@ -233,6 +237,11 @@ class Medium(Protocol):
         """Whether nothing waits or is on the air: an `advance` would answer nothing."""
         ...
 
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """What the record says of it beside its kind: of a program its version, path and so on; else nothing."""
+        ...
+
     def offer(self, now: Time, requests: TxBatch) -> None:
         """Take frames to be sent. Raises ValueError for a row that is not there or a time that has passed.
 
@@ -247,4 +256,8 @@ class Medium(Protocol):
 
     def advance(self, until: Time, radios: RadioTable) -> OnAir:
         """Let the time pass up to and including `until`, in which the radios are where `radios` says."""
+        ...
+
+    def close(self) -> None:
+        """End what it started, such as a program. Called once the run has ended, however it did; again does nothing."""
         ...

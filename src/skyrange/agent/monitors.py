@@ -185,7 +185,7 @@ def find_ends(placement: MonitorPlacement, links: Iterable[tuple[str, str, str]]
             expected = "a link's name or a pattern that matches some"
             faults.append(Fault(f"{where}.links", pattern, expected, nearest(pattern, known)))
         for name in names:
-            ends = [end for end in known[name] if _is_side(end, placement.side)]
+            ends = [end for end in known[name] if is_side(end, placement.side)]
             if not ends:
                 expected = f"an end of {name}: {known[name][0]} or {known[name][1]}"
                 faults.append(Fault(f"{where}.side", placement.side, expected))
@@ -199,7 +199,7 @@ def _link_first(port: Port) -> tuple[str, str]:
     return port.link, port.endpoint
 
 
-def _is_side(end: str, side: str) -> bool:
+def is_side(end: str, side: str) -> bool:
     """Whether `side` means the endpoint `end`: by its name, its role, or a pattern of either."""
     return fnmatchcase(end, side) or fnmatchcase(end.rpartition(".")[2], side)
 

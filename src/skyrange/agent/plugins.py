@@ -1,85 +1,203 @@
-"""Which plugins of a kind are there? A registry of factories by group and kind, filled by entry points.
+"""Plugins: the one shape that all have, and the registry that finds them by group and kind.
 
-A package offers a plugin by an entry point (`[project.entry-points."skyrange.approvals"]`), a
-notebook by `register`. A kind is one word or dotted words: `approve-all`, `remote_id.spoof`. Nothing
-is imported until a kind is asked for.
+A package offers a plugin by an entry point (`[project.entry-points."skyrange.attacks"]`), a notebook by `register`, a
+file by `skyrange run --plugin FILE`. A kind is one word or dotted words: `approve-all`, `remote_id.spoof`. Nothing is
+imported until a kind is asked for.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import re
-from collections.abc import Callable
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from skyrange.core.errors import ComponentError, InputError, nearest
+from skyrange.agent.settings import Params
+from skyrange.core.errors import ComponentError, Fault, InputError, nearest
 
 APPROVALS = "skyrange.approvals"
 ATTACKS = "skyrange.attacks"
 AUTOPILOTS = "skyrange.autopilots"
 AVOIDANCE = "skyrange.avoidance"
-GROUPS = (APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE)
+DETECTORS = "skyrange.detectors"
+MEDIA = "skyrange.media"
+GROUPS = (APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, MEDIA)
 
 KIND_PATTERN = re.compile(r"[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*(?:\.[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*)*")
 """Lower-case words joined by `-` or `_`, in parts joined by dots."""
 
-Factory = Callable[..., Any]
-"""Makes the plugin's object; its arguments are the group's contract, checked in `skyrange.testing`."""
-
-_registered: dict[tuple[str, str], Factory] = {}
+ContextT = TypeVar("ContextT")
+MadeT = TypeVar("MadeT")
 
 
-def register(group: str, kind: str, factory: Factory) -> None:
-    """Offer `factory` under `kind` in `group`, in this process.
+class NoParams(Params):
+    """No parameters."""
 
-    It stands before an entry point of the same kind. Raises InputError for an unknown group, a kind
-    that breaks `KIND_PATTERN`, or a kind that another factory was registered under.
+
+@dataclass(frozen=True, slots=True)
+class Plugin(Generic[ContextT, MadeT]):
+    """A plugin of any group. Each group has a subclass of its own, which says what `make` is told and what it makes.
+
+    `make(params, context)` is called once for each object that a scenario asks for. It may raise `InputError` for
+    parameters that do not fit the scenario; the faults' `where` is the parameter's name.
     """
-    _known_group(group)
+
+    group: ClassVar[str] = ""
+    """The entry point group, one of `GROUPS`."""
+
+    params: type[Params]
+    """The model of its parameters; `NoParams` for none."""
+    make: Callable[[Any, ContextT], MadeT]
+    about: str
+    """A sentence: what it is or does."""
+
+    def __call__(self, params: Params, context: ContextT) -> MadeT:
+        """Make one object, as `make` does."""
+        return self.make(params, context)
+
+    @classmethod
+    def find(cls, kind: str) -> Self:
+        """The plugin of this group that is called `kind`. Raises as `plugins.find`."""
+        plugin = find(cls.group, kind)
+        assert isinstance(plugin, cls)  # find has seen to it
+        return plugin
+
+
+_registered: dict[tuple[str, str], Plugin[Any, Any]] = {}
+_loaded_files: dict[Path, tuple[tuple[str, str], ...]] = {}
+
+
+def register(group: str, kind: str, plugin: Plugin[Any, Any]) -> None:
+    """Offer `plugin` under `kind` in `group`, in this process.
+
+    It takes precedence over an entry point of the same kind. Raises InputError for an unknown group, a kind that
+    breaks `KIND_PATTERN` or that another plugin was registered under, and for what is no plugin of that group.
+    """
+    _check_group(group)
     if not KIND_PATTERN.fullmatch(kind):
         raise InputError.one(
             "plugin", "kind", kind, "lower-case words joined by '-', '_' or '.', such as 'remote_id.spoof'"
         )
-    known = _registered.setdefault((group, kind), factory)
-    if known is not factory:
+    _check_shape(group, kind, plugin)
+    known = _registered.setdefault((group, kind), plugin)
+    if known is not plugin:
         raise InputError.one("plugin", "kind", kind, f"a kind that is free in {group}", "Choose another name.")
 
 
 def kinds(group: str) -> tuple[str, ...]:
     """Every kind of `group`, sorted. Raises InputError for an unknown group."""
-    _known_group(group)
+    _check_group(group)
     return tuple(sorted({kind for of, kind in _registered if of == group} | _entry_points(group).keys()))
 
 
-def find(group: str, kind: str) -> Factory:
-    """The factory of `kind`, imported now if an entry point names it.
+def find(group: str, kind: str) -> Plugin[Any, Any]:
+    """The plugin of `kind`, imported now if an entry point names it.
 
-    Raises InputError (with the nearest spelling) for a kind that nobody offers, and ComponentError
-    when the package that offers it cannot be imported.
+    Raises InputError for a kind that nobody offers (with the nearest spelling) and for an entry point that names no
+    plugin of the group; ComponentError when the package that offers it cannot be imported.
     """
-    _known_group(group)
-    factory = _registered.get((group, kind))
-    if factory is not None:
-        return factory
+    _check_group(group)
+    plugin = _registered.get((group, kind))
+    if plugin is not None:
+        return plugin
     point = _entry_points(group).get(kind)
     if point is None:
         raise InputError.one("plugin", group, kind, "a kind that is installed", nearest(kind, kinds(group)))
     try:
-        loaded: Factory = point.load()
+        loaded: Plugin[Any, Any] = point.load()
     except (ImportError, AttributeError) as error:
         raise ComponentError(
             f"plugin {kind}", f"cannot import {point.value}: {error}", "Reinstall the package that provides it"
         ) from error
+    _check_shape(group, kind, loaded)
     return loaded
 
 
-def _known_group(group: str) -> None:
+def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
+    """Run a Python file that calls `register`; returns (group, kind) of each plugin that it offers.
+
+    A file that was loaded or imported before is not run again. Raises InputError for a file that is missing, that
+    raises an error, or that registers nothing.
+    """
+    path = Path(file).expanduser().absolute()
+    if path in _loaded_files and _registered.keys() >= set(_loaded_files[path]):
+        return _loaded_files[path]
+    if not path.is_file():
+        raise InputError.one("--plugin", "file", str(file), "a Python file that exists")
+    known = _offered_by(path)
+    if known:
+        return known
+    name = f"skyrange_plugin_{re.sub(r'[^A-Za-z0-9]', '_', path.stem)}_{len(_loaded_files)}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise InputError.one("--plugin", "file", str(file), "a Python file, whose name ends in .py")
+    before = set(_registered)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # where dataclasses and pickle look for it
+    try:
+        spec.loader.exec_module(module)
+        added = tuple(sorted(set(_registered) - before))
+        if not added:
+            hint = "Such as skyrange.register('skyrange.attacks', 'acme.lag', LAG)."
+            raise InputError.one(
+                str(file), "file", "registers no plugin", "at least one call of skyrange.register", hint
+            )
+    except BaseException as error:
+        del sys.modules[name]
+        for key in set(_registered) - before:
+            del _registered[key]
+        if isinstance(error, InputError):
+            raise InputError(str(file), error.faults) from error
+        if isinstance(error, Exception):
+            raise InputError(str(file), [_import_fault(error, path)]) from error
+        raise
+    _loaded_files[path] = added
+    return added
+
+
+def _offered_by(path: Path) -> tuple[tuple[str, str], ...]:
+    """What a file offers that is imported already, under whatever name."""
+    modules = [one for one in list(sys.modules.values()) if getattr(one, "__file__", None) == str(path)]
+    held = {id(value) for module in modules for value in vars(module).values()}
+    return tuple(sorted(key for key, plugin in _registered.items() if id(plugin) in held))
+
+
+def load_files(files: Iterable[str | Path]) -> None:
+    """`load_file` for each, in order."""
+    for file in files:
+        load_file(file)
+
+
+def _import_fault(error: Exception, path: Path) -> Fault:
+    """What a plugin's file raised, and on which of its lines."""
+    if isinstance(error, SyntaxError):
+        line = error.lineno
+    else:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
+        line = lines[-1] if lines else None
+    where = f"line {line}" if line is not None else "file"
+    return Fault(where, f"{type(error).__name__}: {error}", "a Python file that can be imported")
+
+
+def _check_group(group: str) -> None:
     if group not in GROUPS:
         raise InputError.one("plugin", "group", group, "a group of plugins", nearest(group, GROUPS))
 
 
+def _check_shape(group: str, kind: str, plugin: object) -> None:
+    if not isinstance(plugin, Plugin) or plugin.group != group:
+        shown = f"{type(plugin).__name__} {plugin!r}"
+        hint = "See skyrange.plugin: AttackPlugin, ApprovalPlugin, AutopilotPlugin and so on."
+        raise InputError.one(f"plugin {kind}", "object", shown[:120], f"a plugin of {group}", hint)
+
+
 @cache
 def _entry_points(group: str) -> dict[str, EntryPoint]:
-    """Entry points by kind; a package installed later is seen by the next process."""
+    """Entry points by kind; a package that is installed later is seen by the next process."""
     return {point.name: point for point in entry_points(group=group)}

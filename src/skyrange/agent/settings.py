@@ -1,7 +1,7 @@
-"""What are a plugin's parameters made of? Strict plain numbers, points, and faults that help.
+"""Parameters of plugins: their base model, strict numbers, points, and faults that name the key.
 
-Numbers are strict (no text, no booleans, no NaN or infinity) but numpy's scalars are welcome, since a
-notebook computes with them.
+Numbers are strict (no text, no booleans, no NaN or infinity), but numpy's scalars are accepted, since a notebook
+computes with them.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What does an adversary do? Attacks as declared things: kinds, parameters, schedules and triggers."""
+"""Attacks: kinds with their parameters, and triggers."""

@@ -1,4 +1,4 @@
-"""What is an attack, to those who write one? Parameters, what the scenario knows, and what it then owns.
+"""Attacks as plugins: what one is told when it is made, and what it then owns.
 
 An attack kind is one file: a model of its parameters, and a function that makes an `Attack` of them and of a
 `Setting`. It is offered as an `AttackKind` under a dotted name, in the entry point group `skyrange.attacks`.
@@ -10,11 +10,11 @@ an attack can be muted, and a muted run is its nominal twin to the byte.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
-from skyrange.agent.settings import Params
+from skyrange.agent.plugins import ATTACKS, Plugin
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import Epoch, Time
 
@@ -105,22 +105,12 @@ class Attack:
 
 
 @dataclass(frozen=True, slots=True)
-class AttackKind:
-    """A kind of attack: its parameters, and what makes one. Call it as `make`.
+class AttackKind(Plugin[Setting, Attack]):
+    """A kind of attack."""
 
-    `make` may raise `InputError` for parameters that do not fit the setting, such as a vehicle that is not there; the
-    faults' `where` is the parameter's name.
-    """
+    group: ClassVar[str] = ATTACKS
 
-    params: type[Params]
-    make: Callable[[Any, Setting], Attack]
-    about: str
-    """A sentence: what it does."""
     technique: str = "no fit"
     """Id of the technique in MITRE ATT&CK for ICS, or "no fit"."""
     places: Sequence[str] = ("at", "transmitter_m")
     """Parameters that are places, where it has them: an attack's `anchor` moves them."""
-
-    def __call__(self, params: Params, setting: Setting) -> Attack:
-        """Make one."""
-        return self.make(params, setting)

@@ -1,4 +1,4 @@
-"""How are the fixes of a GNSS receiver falsified? A fault between the receivers and their autopilots, and its tracks.
+"""Falsified GNSS fixes: a sensor fault between receivers and their autopilots, and the tracks that it follows.
 
 What a spoofer changes is what the receiver computes, so that is where the lie is told: position and velocity of each
 fix. Time, kind, satellites and claimed accuracy stay the receiver's own, and no other sensor is touched.

@@ -1,4 +1,4 @@
-"""What does a forged Remote ID broadcast say, and when is it sent? Personas, their places, their frames.
+"""Forged Remote ID broadcasts: identities, claimed places, frames and their times.
 
 The frames are well-formed ASTM F3411-22a as an honest transmitter would make them; only what they say is false.
 """

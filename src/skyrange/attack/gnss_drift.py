@@ -1,4 +1,4 @@
-"""What if a receiver's position slides away? A drift at a constant rate, with or without the velocity that fits."""
+"""GNSS drift: fixes slide away at a constant rate, with or without the velocity that fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What if a receiver's position is elsewhere from one fix to the next? A jump, with the velocity as it is."""
+"""GNSS jump: fixes are off by a constant distance from one fix to the next; velocities stay true."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How does an attacker get onto the air? A transmitter of its own, with links to the environment oracle."""
+"""Radio of an attacker: a transmitter of its own, with links to the environment oracle."""
 
 from __future__ import annotations
 

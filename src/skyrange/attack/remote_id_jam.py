@@ -1,4 +1,4 @@
-"""What if nobody can hear anything? Noise in the band, continuous or pulsed, from a transmitter of the attacker's."""
+"""Jamming: noise in the band, continuous or pulsed, from a transmitter of the attacker."""
 
 from __future__ import annotations
 

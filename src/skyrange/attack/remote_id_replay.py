@@ -1,4 +1,4 @@
-"""What if old broadcasts are sent again? A recorder of what it hears, which sends it later from where it stands."""
+"""Replay of Remote ID: broadcasts are recorded, and sent again later from the attacker's place."""
 
 from __future__ import annotations
 

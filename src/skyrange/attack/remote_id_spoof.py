@@ -1,4 +1,4 @@
-"""What if a Remote ID broadcast lies? Ghosts, false positions of real aircraft, and swarms of ghosts."""
+"""Spoofing of Remote ID: ghosts, false positions of real aircraft, and swarms of ghosts."""
 
 from __future__ import annotations
 

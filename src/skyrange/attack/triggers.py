@@ -1,4 +1,4 @@
-"""When do things on the map start an attack? Conditions on truth that the kernel asks."""
+"""Triggers of attacks: conditions on truth, which the kernel evaluates."""
 
 from __future__ import annotations
 

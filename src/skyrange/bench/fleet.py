@@ -15,7 +15,7 @@ from skyrange.bench.apart import apart
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.bench.yardstick import yardstick_us
 from skyrange.core.time import to_seconds
-from skyrange.detect.heartbeat_gap import HeartbeatGapParams, make_heartbeat_gap
+from skyrange.detect.heartbeat_gap import HeartbeatGap, HeartbeatGapParams
 from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
@@ -43,7 +43,7 @@ APART_M = 40.0
 PER_OPERATOR = 1000
 WALL_M = 10.0
 """Between a lap and the block that it goes round, with Remote ID."""
-_DETECTOR = MonitorPlacement("gap", partial(make_heartbeat_gap, HeartbeatGapParams()), ["gcs:*"], "gcs")
+_DETECTOR = MonitorPlacement("gap", partial(HeartbeatGap, HeartbeatGapParams()), ["gcs:*"], "gcs")
 HORIZON_M = 400.0
 """Of the radio medium, what opendroneid.org gives Wi-Fi at best; some thirty aircraft are nearer than that."""
 
@@ -98,7 +98,7 @@ def fleet_scenario(
         operators=tuple(operators),
         city=_downtown(columns, side_m) if remote_id else None,
         radio=Radio(horizon_m=HORIZON_M, city_busy=0.2) if remote_id else None,
-        autopilots=Autopilots().told(autopilot, options or {}, "bench"),
+        autopilots=Autopilots().with_options(autopilot, options or {}, "bench"),
     )
 
 

@@ -15,6 +15,7 @@ from skyrange.cli.options import (
     Buildings,
     Changes,
     Motion,
+    Plugins,
     Qgc,
     RunFolder,
     RunOut,
@@ -77,9 +78,11 @@ def run(
     qgc: Qgc = False,
     viewer_port: ViewerPort = None,
     allow_motion: Motion = False,
+    plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario and leave a run folder with a report."""
+    commands.load_plugins(plugin)
     commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
 
 
@@ -108,9 +111,11 @@ def pair(
     seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed, over the scenario's.")] = None,
     buildings: Buildings = None,
     changes: Changes = None,
+    plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario with its attacks and with all of them muted, and compare: what did the attack do?"""
+    commands.load_plugins(plugin)
     commands.pair(scenario, out, sham, seeds, jobs, seed, buildings, changes or [], as_json)
 
 
@@ -187,9 +192,17 @@ def scenarios(as_json: AsJson = False) -> None:
     commands.scenarios(as_json)
 
 
+@app.command(epilog="Example: skyrange attacks --plugin lag.py")
+def attacks(plugin: Plugins = None, as_json: AsJson = False) -> None:
+    """List the kinds of attacks that are installed, with what each does."""
+    commands.load_plugins(plugin)
+    commands.attacks(as_json)
+
+
 @app.command(epilog="Example: skyrange schema > scenario.schema.json")
-def schema() -> None:
+def schema(plugin: Plugins = None) -> None:
     """Print the JSON Schema of a scenario: every key with its meaning, unit and range."""
+    commands.load_plugins(plugin)
     commands.schema()
 
 

@@ -328,6 +328,29 @@ def scenarios(as_json: bool) -> None:
         print(f"{name:<{width}}  {about}")
 
 
+def load_plugins(files: Sequence[Path] | None) -> None:
+    """`--plugin` of several commands."""
+    if files:
+        from skyrange.agent.plugins import load_files
+
+        load_files(files)
+
+
+def attacks(as_json: bool) -> None:
+    """`skyrange attacks`."""
+    from skyrange.agent.plugins import ATTACKS, kinds
+    from skyrange.attack.contract import AttackKind
+
+    found = {name: AttackKind.find(name) for name in kinds(ATTACKS)}
+    if as_json:
+        rows = [{"kind": name, "about": one.about, "technique": one.technique} for name, one in found.items()]
+        print_json(rows)
+        return
+    width = max(map(len, found), default=0)
+    for name, one in found.items():
+        print(f"{name:<{width}}  {one.about}")
+
+
 def schema() -> None:
     """`skyrange schema`."""
     from skyrange.scenario.schema import json_schema

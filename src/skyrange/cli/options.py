@@ -41,6 +41,14 @@ Changes = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."),
 ]
+Plugins = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--plugin",
+        metavar="FILE",
+        help="Run this Python file first; it calls skyrange.register for each plugin that it offers. May be repeated.",
+    ),
+]
 Qgc = Annotated[
     bool,
     typer.Option("--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."),

@@ -57,12 +57,13 @@ def invitation(addresses: Sequence[Address], system_ids: dict[str, int]) -> list
 
 def warning(scenario: Scenario) -> list[str]:
     """What to know where autopilots listen themselves."""
+    from skyrange.vehicle.spec import AutopilotPlugin
+
     ports: list[str] = []
     for kind in scenario.autopilots.options:
         own = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.autopilot == kind]
-        opened = getattr(scenario.autopilots.made(kind).get("options"), "opened", None)
-        if opened is not None:
-            ports += [f"  {vehicle} at port {port}" for vehicle, port in zip(own, opened(len(own)), strict=False)]
+        opened = AutopilotPlugin.find(kind).opened_ports(scenario.autopilots.params_of(kind), len(own))
+        ports += [f"  {vehicle} at port {port}" for vehicle, port in zip(own, opened, strict=False)]
     if not ports:
         return []
     return [

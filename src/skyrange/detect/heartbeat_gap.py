@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
+from skyrange.agent.detectors import DetectorContext, DetectorPlugin
 from skyrange.agent.monitors import Alert, Monitor, ObservedFrames
 from skyrange.agent.settings import Number, Params, Whole
 from skyrange.core.time import NEVER, NS_PER_MS, Time, from_seconds, to_seconds
@@ -24,7 +25,6 @@ from skyrange.detect.telemetry import read_messages
 
 KIND = "heartbeat.gap"
 """The kind of its alerts."""
-ABOUT = "Alerts where no heartbeat of a MAVLink component has come over a link for longer than a limit."
 
 SERVICE_NS: Time = 500 * NS_PER_MS
 """How often silence is looked for: what an alert comes late at most."""
@@ -90,6 +90,13 @@ class HeartbeatGap:
         )
 
 
-def make_heartbeat_gap(params: HeartbeatGapParams) -> Monitor:
+def make_heartbeat_gap(params: HeartbeatGapParams, context: DetectorContext) -> Monitor:
     """A new detector."""
     return HeartbeatGap(params)
+
+
+HEARTBEAT_GAP = DetectorPlugin(
+    HeartbeatGapParams,
+    make_heartbeat_gap,
+    "Alerts where no heartbeat of a MAVLink component has come over a link for longer than a limit.",
+)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +82,8 @@ class BuiltinMedium:
     """
 
     lookahead_ns: Time = 0
+    repeatable: Literal["bytes", "outcome"] = "bytes"
+    manifest: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(
         self,
@@ -113,7 +116,7 @@ class BuiltinMedium:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BuiltinMedium:
         """What is declared never changes and stays shared; what is on the air is copied."""
-        twin = object.__new__(BuiltinMedium)
+        twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin._air = self._air._replace(**{name: array.copy() for name, array in self._air._asdict().items()})
         twin._refused = copy.copy(self._refused)
@@ -131,6 +134,9 @@ class BuiltinMedium:
         """Whether nothing waits or is on the air."""
         waiting = int(self._air.counts[0])
         return waiting == 0 and not self._refused and not (self._air.slot[table.STATE] == table.ON_AIR).any()
+
+    def close(self) -> None:
+        """Nothing: it runs in this process."""
 
     def offer(self, now: Time, requests: TxBatch) -> None:
         """Take frames; those that do not exist (size, channel, waveform, power) are REFUSED in the next answer."""

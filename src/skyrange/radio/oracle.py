@@ -1,4 +1,4 @@
-"""Who hears which broadcast? The environment oracle: takes Remote ID from `rid_up`, lets a medium decide, tells all.
+"""Environment oracle: takes Remote ID from `rid_up`, lets a medium decide who receives it, and delivers it.
 
 A frame on `rid_up:<radio>` becomes a transmission of that radio at the time in its header, or at once. What a receiver
 decodes leaves on its `rid_down:<radio>` with its signal strength and the end of its reception; what an operator's
@@ -222,6 +222,10 @@ class Oracle:
             port = Port(ENDPOINT, link_name("oracle", operator))
             for start in range(0, len(receptions), MOST_RECEPTIONS):
                 outbox.send(port, encode(Report(body=tuple(receptions[start : start + MOST_RECEPTIONS]))))
+
+    def close(self) -> None:
+        """End the medium; again does nothing."""
+        self.medium.close()
 
     def drain_receptions(self) -> Receptions | None:
         """What was received since it was last asked, if `recording`; None for nothing."""

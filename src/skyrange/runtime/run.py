@@ -23,8 +23,9 @@ from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.pace import Pace, held_to
 from skyrange.runtime.warm import warm_up
+from skyrange.scenario.aircraft import engines_told
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.wire import Rig, engines_told, wire
+from skyrange.scenario.wire import Rig, wire
 
 OnProgress = Callable[[Time, Time], None]
 """Called with (simulated now, simulated end) between steps; `now` is negative while autopilots boot."""
@@ -105,9 +106,8 @@ class Run:
         """A second run that continues from here into the folder `out`, with what was recorded so far."""
         recorder = self.recorder.fork(out)
         kernel = self.kernel.fork([recorder])
-        oracle = kernel.watcher(self.rig.oracle.name) if self.rig.oracle is not None else None
-        recorder.listen(cast("Oracle | None", oracle))
         twin = Run(kernel, recorder, self.rig)
+        recorder.listen(twin._oracle())
         twin._wall_s = self._wall_s
         return twin
 
@@ -169,13 +169,21 @@ class Run:
         except ComponentError as error:
             print(f"skyrange: {error}", file=sys.stderr)
 
+    def _oracle(self) -> Oracle | None:
+        """The oracle of this run's kernel: a fork has another than its stem."""
+        name = self.rig.oracle.name if self.rig.oracle is not None else None
+        return None if name is None else cast("Oracle", self.kernel.watcher(name))
+
     def _end(self) -> None:
         """End the kernel and its programs; what these leave goes into the folder."""
+        oracle = self._oracle()
         try:
             for name, path in self.kernel.leaves().items():
                 self.recorder.keep(name, path)
         finally:
             self.kernel.finish()
+            if oracle is not None:
+                oracle.close()
 
     def _summary(self, lag_s: float) -> dict[str, Any]:
         simulated_s = to_seconds(self.now)

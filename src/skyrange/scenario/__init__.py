@@ -1,1 +1,67 @@
-"""From files and Python to a checked scenario, and from a scenario to a wired range."""
+"""Scenarios: the models that a TOML file and Python both build, and what reads and writes them.
+
+What is exported here is public; the modules below are private and may change.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skyrange.core.lazy_exports import export_lazily
+
+if TYPE_CHECKING:
+    from skyrange.scenario.air import Avoidance, Radio, Receiver, RemoteId
+    from skyrange.scenario.attacks import AttackTable, When
+    from skyrange.scenario.autopilots import Autopilots
+    from skyrange.scenario.catalogue import SHIPPED
+    from skyrange.scenario.catalogue import load as load_scenario
+    from skyrange.scenario.detectors import DetectorTable
+    from skyrange.scenario.emit import to_toml
+    from skyrange.scenario.fleet import Fleet, Start, Vehicle
+    from skyrange.scenario.links import Link
+    from skyrange.scenario.load import load_text as load_toml
+    from skyrange.scenario.operators import Operator
+    from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
+    from skyrange.scenario.schema import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
+
+__all__ = [
+    "SHIPPED",
+    "AttackTable",
+    "Autopilots",
+    "Avoidance",
+    "City",
+    "DetectorTable",
+    "Fleet",
+    "Grid",
+    "Link",
+    "Live",
+    "Operator",
+    "Origin",
+    "Path",
+    "Plan",
+    "Radio",
+    "Receiver",
+    "Record",
+    "RemoteId",
+    "Scenario",
+    "Sensors",
+    "Square",
+    "Start",
+    "Vehicle",
+    "When",
+    "Wind",
+    "json_schema",
+    "load_scenario",
+    "load_toml",
+    "mission_file",
+    "path",
+    "square",
+    "to_toml",
+]
+
+if not TYPE_CHECKING:
+    __getattr__ = export_lazily(__name__)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

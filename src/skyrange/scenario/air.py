@@ -1,20 +1,19 @@
-"""What is on the air? The radio medium and its receivers, what aircraft broadcast, and what they do about others."""
+"""The air in a scenario: the radio medium and its receivers, what aircraft broadcast, what they do about others."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, field_validator
 
-from skyrange.agent.plugins import AVOIDANCE
-from skyrange.agent.settings import Enu
-from skyrange.core.errors import Fault, nearest
+from skyrange.agent.plugins import AVOIDANCE, MEDIA
+from skyrange.agent.settings import Enu, Params
+from skyrange.core.errors import nearest
+from skyrange.radio.contract import MediumPlugin
 from skyrange.remoteid.profiles import TRANSPORTS
-from skyrange.scenario.base import Id, Model, Number, known, refuse, wrong
-
-if TYPE_CHECKING:
-    from skyrange.city.city import City
+from skyrange.scenario.base import Id, Model, Number, wrong
+from skyrange.scenario.plugins import checked, known, normalized
+from skyrange.vehicle.avoidance.contract import AvoidancePlugin
 
 ReceiverKind = Literal["companion", "sniffer", "hopper", "phone", "phone-idle"]
 """Kinds of receivers, rows of `radio.receivers.PROFILES`."""
@@ -41,7 +40,9 @@ class Receiver(Model):
 class Radio(Model):
     """The medium that carries Remote ID: 2.4 GHz Wi-Fi and Bluetooth among the buildings."""
 
-    engine: Literal["builtin"] = Field(default="builtin", description="What models the medium.")
+    engine: Annotated[str, known(MEDIA, "a radio medium")] = Field(
+        default="builtin", description="What models the medium, a plugin of skyrange.media."
+    )
     horizon_m: Number = Field(
         default=1000.0, gt=0, le=20_000, description="Beyond this distance in metres nobody hears anybody."
     )
@@ -61,7 +62,26 @@ class Radio(Model):
     every_pair: Annotated[bool, Strict()] = Field(
         default=False, description="Record also who could not decode what, and why."
     )
+    params: dict[str, Any] = Field(
+        default_factory=dict, validate_default=True, description="The engine's own parameters."
+    )
     receivers: tuple[Receiver, ...] = Field(default=(), description="Receivers on the ground.")
+
+    @field_validator("params")
+    @classmethod
+    def _of_its_engine(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        """The parameters with every default; untouched where the engine is unknown."""
+        return normalized(MediumPlugin.find(info.data["engine"]), params) if "engine" in info.data else params
+
+    @property
+    def plugin(self) -> MediumPlugin:
+        """The plugin of its engine."""
+        return MediumPlugin.find(self.engine)
+
+    @property
+    def settings(self) -> Params:
+        """The parameters as the engine's own model."""
+        return self.plugin.params.model_validate(self.params)
 
 
 def _known_transports(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -103,26 +123,27 @@ class Avoidance(Model):
     kind: Annotated[str, known(AVOIDANCE, "a kind of avoidance")] = Field(
         default="none", description="A plugin of skyrange.avoidance."
     )
-    params: dict[str, Any] = Field(default_factory=dict, description="The kind's own parameters.")
+    params: dict[str, Any] = Field(
+        default_factory=dict, validate_default=True, description="The kind's own parameters."
+    )
 
-    @model_validator(mode="after")
-    def _made_once(self) -> Avoidance:
-        """Making one finds what is wrong with its parameters."""
-        self.make(None)
-        return self
+    @field_validator("params")
+    @classmethod
+    def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        """The parameters as given, once they are checked; of an unknown kind they are not."""
+        if "kind" in info.data:
+            checked(AvoidancePlugin.find(info.data["kind"]), params)
+        return params
 
-    def make(self, city: Any) -> Any:
-        """The avoidance, aware of the city's walls."""
-        from skyrange.agent.plugins import find
-        from skyrange.vehicle.avoidance.contract import Limits
+    @property
+    def plugin(self) -> AvoidancePlugin:
+        """The plugin of its kind."""
+        return AvoidancePlugin.find(self.kind)
 
-        try:
-            return find(AVOIDANCE, self.kind)(city, Limits.model_validate(self.params))
-        except ValidationError as error:
-            from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
-
-            found = faults_of(error, Limits, self.params)
-            raise refuse(*(Fault(f"params.{f.where}", f.value, f.expected, f.hint) for f in found)) from None
+    @property
+    def settings(self) -> Params:
+        """The parameters as the kind's own model."""
+        return self.plugin.params.model_validate(self.params)
 
 
 def _kind_alone(value: Any) -> Any:
@@ -131,19 +152,3 @@ def _kind_alone(value: Any) -> Any:
 
 AnyAvoidance = Annotated[Avoidance, BeforeValidator(_kind_alone, json_schema_input_type=Avoidance | str)]
 """In short its kind."""
-
-
-def misplaced(where: str, place: tuple[float, float, float], city: City | None) -> Iterator[Fault]:
-    """Antennas below the ground or inside buildings; `where` is the place's key."""
-    east_m, north_m, up_m = place
-    shown = f"[{east_m:g}, {north_m:g}, {up_m:g}] m"
-    building = city.inside(east_m, north_m, up_m) if city is not None else None
-    if up_m < 0.0:
-        yield Fault(where, shown, "a place on the ground (0) or above")
-    elif building is not None:
-        yield Fault(
-            where,
-            shown,
-            f"a place outside buildings; this is in {building.name or building.id}, {building.height_m:g} m high",
-            "Put it on the roof, or into the street.",
-        )

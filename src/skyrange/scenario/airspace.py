@@ -1,4 +1,4 @@
-"""Would a path come near those that are placed already? Legs with heights, found by a spatial index.
+"""Airspace taken by flight paths: legs with their heights, in a spatial index.
 
 Time is left out: two paths that share a place are too near even if they are flown an hour apart.
 """

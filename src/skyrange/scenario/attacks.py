@@ -1,27 +1,19 @@
-"""How is an attack declared in a scenario, and what becomes of it? `[[attacks]]`, checked, then made and wired."""
+"""Attacks in a scenario: `[[attacks]]`, their kind, their parameters, and when they act."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
-from skyrange.agent.links import AttackPlan, LinkSpec, Schedule, TapPlacement
-from skyrange.agent.plugins import ATTACKS, find
+from skyrange.agent.plugins import ATTACKS
 from skyrange.agent.settings import Enu, Params
-from skyrange.attack.contract import Attack, AttackKind, Place, Setting, Transmitter
+from skyrange.attack.contract import AttackKind
 from skyrange.attack.triggers import Near
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.core.ids import owner_of
-from skyrange.core.time import NEVER, from_seconds
-from skyrange.scenario.air import misplaced
-from skyrange.scenario.base import Id, Model, Number, items, known, refuse, wrong
-
-if TYPE_CHECKING:
-    from skyrange.city.city import City
+from skyrange.core.errors import Fault, nearest
+from skyrange.scenario.base import Id, Model, Number, items, wrong
+from skyrange.scenario.plugins import known, normalized
 
 
 def _place_or_name(value: Any) -> Any:
@@ -85,15 +77,7 @@ class AttackTable(Model):
     @classmethod
     def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         """The parameters that its kind makes of them, with every default; untouched where the kind is unknown."""
-        if "kind" not in info.data:
-            return params
-        model = kind_of(info.data["kind"]).params
-        try:
-            return model.model_validate(params).model_dump(exclude_none=True)
-        except ValidationError as error:
-            from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
-
-            raise refuse(*faults_of(error, model, params)) from None
+        return normalized(AttackKind.find(info.data["kind"]), params) if "kind" in info.data else params
 
     @field_validator("stop_s")
     @classmethod
@@ -106,18 +90,15 @@ class AttackTable(Model):
     @property
     def settings(self) -> Params:
         """The parameters as the kind's own model."""
-        return kind_of(self.kind).params.model_validate(self.params)
+        return self.plugin.params.model_validate(self.params)
+
+    @property
+    def plugin(self) -> AttackKind:
+        """The plugin of its kind."""
+        return AttackKind.find(self.kind)
 
 
-def kind_of(name: str) -> AttackKind:
-    """The kind called `name`. Raises InputError for what is installed under it and is no `AttackKind`."""
-    kind = find(ATTACKS, name)
-    if not isinstance(kind, AttackKind):
-        raise InputError.one("plugin", name, type(kind).__name__, "a skyrange.attack.contract.AttackKind")
-    return kind
-
-
-def attack_faults(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Fault]:
+def check_attack_vehicles(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Fault]:
     """Aircraft in triggers and anchors that the scenario does not have."""
     for index, attack in enumerate(attacks):
         named = [("anchor", attack.anchor)] if attack.anchor is not None else []
@@ -126,97 +107,3 @@ def attack_faults(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> It
         for key, name in named:
             if name not in vehicles:
                 yield Fault(f"attacks.{index}.{key}", name, "a vehicle of the scenario", nearest(name, vehicles))
-
-
-@dataclass(slots=True)
-class Made:
-    """All attacks of a scenario, made: what is added to its wiring, its medium and its manifest."""
-
-    plans: list[AttackPlan] = field(default_factory=list)
-    taps: list[TapPlacement] = field(default_factory=list)
-    links: list[LinkSpec] = field(default_factory=list)
-    radios: list[Transmitter] = field(default_factory=list)
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    """What the manifest says of each."""
-    faults: list[Fault] = field(default_factory=list)
-
-
-def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> Made:
-    """Make every attack; what is wrong with them is in `faults`.
-
-    `setting` is that of all of them; id, schedule and sham are filled in for each.
-    """
-    made = Made()
-    for attack in attacks:
-        own = replace(setting, id=attack.id, schedule=Schedule(), sham=attack.sham)
-        where = f"attacks.{attack.id}"
-        try:
-            found = kind_of(attack.kind)(_anchored(attack, setting), own)
-        except InputError as error:
-            made.faults += [Fault(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
-            continue
-        names = [*setting.links, *(spec.name for spec in found.links)]
-        for tap in found.taps:
-            if not any(fnmatchcase(name, tap.match) for name in names):
-                hint = nearest(tap.match, names)
-                made.faults.append(Fault(f"{where}.params", tap.match, "a link of the scenario", hint))
-        made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, setting)))
-        made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
-        made.links += found.links
-        made.radios += found.radios
-        made.rows.append(_row(attack, found))
-    return made
-
-
-def _anchor(attack: AttackTable, setting: Setting) -> Place:
-    """Where its places count from."""
-    return (0.0, 0.0, 0.0) if attack.anchor is None else setting.vehicles[attack.anchor].start_enu_m
-
-
-def _from(anchor: Place, place: Place) -> Place:
-    return (anchor[0] + place[0], anchor[1] + place[1], anchor[2] + place[2])
-
-
-def _anchored(attack: AttackTable, setting: Setting) -> Params:
-    """Its parameters with places in metres from the origin."""
-    settings, anchor = attack.settings, _anchor(attack, setting)
-    places = {name: getattr(settings, name, None) for name in kind_of(attack.kind).places}
-    moved = {name: _from(anchor, place) for name, place in places.items() if place is not None}
-    return settings.model_copy(update=moved)
-
-
-def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) -> AttackPlan:
-    trigger = attack.when.trigger if attack.when is not None else None
-    if trigger is not None and trigger.place_enu_m is not None:
-        trigger = replace(trigger, place_enu_m=_from(anchor, trigger.place_enu_m))
-    return AttackPlan(
-        attack.id,
-        start_ns=from_seconds(attack.start_s),
-        stop_ns=NEVER if attack.stop_s is None else from_seconds(attack.stop_s),
-        muted=attack.muted,
-        agents=made.agents,
-        faults=made.faults,
-        trigger=trigger,
-        lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
-        schedule=schedule,
-    )
-
-
-def _row(attack: AttackTable, made: Attack) -> dict[str, Any]:
-    """An attack in the manifest: as declared, and what it touches."""
-    touches = [tap.match for tap in made.taps] + [spec.name for spec in made.links]
-    touches += ["medium"] if made.radios else []
-    touches += [f"sensors of {vehicle}" for fault in made.faults for vehicle in fault.vehicles]
-    return {
-        **attack.model_dump(exclude_none=True, mode="json"),
-        "touches": touches,
-        "technique": kind_of(attack.kind).technique,
-        "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m)} for radio in made.radios],
-        "shown": {name: list(place) for name, place in made.shown.items()},
-    }
-
-
-def radio_faults(radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
-    """Attackers' radios where none can be."""
-    for radio in radios:
-        yield from misplaced(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)

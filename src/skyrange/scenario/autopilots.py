@@ -1,4 +1,4 @@
-"""How are the autopilots' engines run? What each kind may be told, and what happens when one falls silent."""
+"""Autopilots in a scenario: options of each kind, and what happens when an engine falls silent."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from skyrange.agent.plugins import AUTOPILOTS, find, kinds
+from skyrange.agent.plugins import AUTOPILOTS, kinds
+from skyrange.agent.settings import Params
 from skyrange.core.errors import Fault, nearest
 from skyrange.scenario.base import Model, Number, refuse
+from skyrange.scenario.faults import input_error
+from skyrange.scenario.plugins import checked, params_of
+from skyrange.vehicle.spec import AutopilotPlugin
 
 
 class Autopilots(Model):
@@ -31,36 +35,21 @@ class Autopilots(Model):
     )
 
     @model_validator(mode="after")
-    def _made_once(self) -> Autopilots:
-        """Making them finds what is wrong."""
+    def _of_their_kinds(self) -> Autopilots:
         for kind in self.options:
             if kind not in kinds(AUTOPILOTS):
                 raise refuse(Fault(f"options.{kind}", kind, "an autopilot", nearest(kind, kinds(AUTOPILOTS))))
-            self.made(kind)
+            checked(AutopilotPlugin.find(kind), self.options[kind], f"options.{kind}")
         return self
 
-    def told(self, kind: str, given: Mapping[str, Any], who: str) -> Autopilots:
-        """The same, but for what `kind` is told of `given`. Raises `InputError`, by `who`, where that does not fit."""
-        from skyrange.scenario.faults import input_error  # the models come first, then what speaks of them
-
+    def with_options(self, kind: str, given: Mapping[str, Any], who: str) -> Autopilots:
+        """The same, but with the options `given` of `kind`. Raises `InputError`, by `who`, where they do not fit."""
         data = self.model_dump() | {"options": {**self.options, kind: {**self.options.get(kind, {}), **given}}}
         try:
             return Autopilots.model_validate(data)
         except ValidationError as error:
             raise input_error(who, error, Autopilots, data) from None
 
-    def made(self, kind: str) -> dict[str, Any]:
-        """The keyword arguments that a kind's factory gets beside those that all get."""
-        model = getattr(find(AUTOPILOTS, kind), "options", None)
-        given = self.options.get(kind, {})
-        if model is None:
-            if given:
-                raise refuse(Fault(f"options.{kind}", ", ".join(given), "none: it has no options"))
-            return {}
-        try:
-            return {"options": model.model_validate(given)}
-        except ValidationError as error:
-            from skyrange.scenario.faults import faults_of  # the models come first, then what speaks of them
-
-            found = faults_of(error, model, given)
-            raise refuse(*(Fault(f"options.{kind}.{f.where}", f.value, f.expected, f.hint) for f in found)) from None
+    def params_of(self, kind: str) -> Params:
+        """The options of a kind as its plugin's own model. Raises InputError for a kind that lacks some."""
+        return params_of(AutopilotPlugin.find(kind), self.options.get(kind, {}), f"autopilots.options.{kind}")

@@ -1,4 +1,4 @@
-"""What do all parts of the scenario model share? Names, files, and errors that help.
+"""Base of the scenario's models: frozen, strict, with errors that name the key.
 
 A model built in Python raises InputError, as a file does.
 """
@@ -8,15 +8,15 @@ from __future__ import annotations
 import os
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from skyrange.agent.plugins import kinds
 from skyrange.agent.settings import Number, Whole, items, refuse
-from skyrange.core.errors import Fault, nearest
+from skyrange.core.errors import Fault
 from skyrange.core.ids import ID_PATTERN
+from skyrange.scenario.faults import input_error
 
-__all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "known", "refuse", "wrong"]
+__all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "refuse", "wrong"]
 
 
 class Model(BaseModel):
@@ -29,12 +29,10 @@ class Model(BaseModel):
         try:
             super().__init__(**data)
         except ValidationError as error:
-            from skyrange.scenario.faults import input_error  # the models come first, then what speaks of them
-
-            raise input_error(type(self).__name__, error, type(self), data) from None
+            raise input_error(type(self).__name__, error, type(self), data, self.cross_check) from None
 
     @classmethod
-    def faults_between(cls, data: Any) -> list[Fault]:
+    def cross_check(cls, data: Any) -> list[Fault]:
         """Faults between the parts of `data`, a table this model is to be built from; none unless it says so."""
         return []
 
@@ -58,15 +56,3 @@ Id = Annotated[str, Field(pattern=ID_PATTERN.pattern)]
 def wrong(value: object, expected: str, hint: str = "", where: str = "") -> PydanticCustomError:
     """`refuse` for a single fault."""
     return refuse(Fault(where, value if isinstance(value, str) else repr(value), expected, hint))
-
-
-def known(group: str, what: str) -> AfterValidator:
-    """A check that a kind is one of a plugin group's; `what` names it in the fault."""
-
-    def check(kind: str) -> str:
-        offered = kinds(group)
-        if kind not in offered:
-            raise wrong(kind, f"{what} that is installed", nearest(kind, offered))
-        return kind
-
-    return AfterValidator(check)

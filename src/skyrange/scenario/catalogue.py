@@ -1,4 +1,4 @@
-"""Which scenarios come with skyrange, and which one does NAME or FILE mean?"""
+"""Shipped scenarios, and the file that a NAME or FILE means."""
 
 from __future__ import annotations
 

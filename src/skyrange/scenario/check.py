@@ -1,4 +1,4 @@
-"""Can this fleet start where it stands and fly what it is told? Faults that only the world can show."""
+"""Checks of starts and flight plans in their surroundings: buildings, other aircraft, the ground."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from skyrange.city.city import City
 from skyrange.core.errors import Fault, InputError
 from skyrange.core.ids import vehicle_id
 from skyrange.gcs.checks import check as check_plan
-from skyrange.scenario.faults import spelled
+from skyrange.scenario.faults import spell_path
 from skyrange.scenario.fleet import Vehicle
 from skyrange.scenario.flight import flight_plan
 from skyrange.scenario.schema import Scenario
@@ -27,7 +27,7 @@ def check(scenario: Scenario, city: City | None) -> list[Fault]:
     faults: list[Fault] = []
     for o, operator in enumerate(scenario.operators):
         for v, vehicle in enumerate(operator.vehicles):
-            where = spelled(("operators", o, "vehicles", v), scenario)
+            where = spell_path(("operators", o, "vehicles", v), scenario)
             if city is not None:
                 faults += _walls(vehicle, city, where)
             try:
@@ -60,7 +60,7 @@ def _crowded(scenario: Scenario) -> Iterator[Fault]:
             for name, other_east_m, other_north_m in (one for cell in around for one in cells.get(cell, ())):
                 if math.hypot(east_m - other_east_m, north_m - other_north_m) < APART_M:
                     yield Fault(
-                        f"{spelled(('operators', o, 'vehicles', v), scenario)}.start",
+                        f"{spell_path(('operators', o, 'vehicles', v), scenario)}.start",
                         f"({east_m:g}, {north_m:g}) m",
                         f"at least {APART_M:g} m from every other start; {name} stands there",
                     )

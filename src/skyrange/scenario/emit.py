@@ -1,4 +1,4 @@
-"""How is a scenario written as TOML? With every value that a run used, so that the file alone repeats it.
+"""Scenarios as TOML text, with every value that a run used, so that the file alone repeats it.
 
 A small emitter for this model's types; TOML v1.0.0 (toml.io/en/v1.0.0): basic strings, floats with a
 point or exponent, offset date-times, tables and arrays of tables.
@@ -29,9 +29,11 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
             _rename(vehicle["plan"], "file", files or {})
             if not vehicle["params"]:
                 del vehicle["params"]
-    for key in ("links", "attacks", "hosts"):
+    for key in ("links", "attacks", "detectors", "approvals", "hosts"):
         if not data[key]:
             del data[key]
+    if "radio" in data and not data["radio"]["params"]:
+        del data["radio"]["params"]
     _rename(data.get("city", {}), "buildings", files or {})
     return "\n".join(_table(data, ())).strip("\n") + "\n"
 

@@ -1,8 +1,8 @@
-"""What does a bad scenario hear? pydantic's findings as faults: key path, value, what was expected, what to do."""
+"""Validation errors in the words of a scenario: key path, value, what was expected, what to do."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -10,10 +10,11 @@ from pydantic_core import ErrorDetails
 
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.scenario import units
-from skyrange.scenario.base import Model
-from skyrange.scenario.walk import field_at, model_of, walk
+from skyrange.scenario.walk import field_at, model_of, type_at
 
 Loc = tuple[str | int, ...]
+Between = Callable[[Any], list[Fault]]
+"""Finds faults between the parts of a table, whether or not its values are sound."""
 
 _EXPECTED = {
     "float_type": "a number",
@@ -30,13 +31,17 @@ _EXPECTED = {
 }
 
 
-def input_error(who: str, error: ValidationError, model: type[Model], data: Any) -> InputError:
+def input_error(
+    who: str, error: ValidationError, model: type[BaseModel], data: Any, between: Between | None = None
+) -> InputError:
     """The InputError that says what pydantic found wrong with `data`, each fault once."""
-    return InputError(who, faults_of(error, model, data))
+    return InputError(who, explain_errors(error, model, data, between))
 
 
-def faults_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Fault]:
-    """All faults, in the order of the model's keys; with those between the parts if pydantic got not that far."""
+def explain_errors(
+    error: ValidationError, model: type[BaseModel], data: Any, between: Between | None = None
+) -> list[Fault]:
+    """All faults, in the order of the model's keys; with those `between` the parts if pydantic did not get that far."""
     try:
         details = error.errors(include_url=False)
     except UnicodeEncodeError as bad:  # half a character, which only a program or a shell can put there
@@ -49,12 +54,14 @@ def faults_of(error: ValidationError, model: type[BaseModel], data: Any) -> list
             faults.append(found)
             if instead:
                 renamed.add((*detail["loc"][:-1], instead))
-    if issubclass(model, Model) and not any(d["type"] == "skyrange" and not d["loc"] for d in details):
-        faults += [Fault(spelled(_path(fault.where), data), *_rest(fault)) for fault in model.faults_between(data)]
+    if between is not None and not any(d["type"] == "skyrange" and not d["loc"] for d in details):
+        faults += [Fault(spell_path(_path(fault.where), data), *_rest(fault)) for fault in between(data)]
     for detail in details:
         if detail["type"] == "skyrange":
             faults += [
-                Fault(spelled((*_trim(detail["loc"], model), *_path(fault.where)), data) or "scenario", *_rest(fault))
+                Fault(
+                    spell_path((*_trim(detail["loc"], model), *_path(fault.where)), data) or "scenario", *_rest(fault)
+                )
                 for fault in detail["ctx"]["faults"]
             ]
         elif detail["type"] == "missing" and detail["loc"] in renamed:
@@ -66,7 +73,7 @@ def faults_of(error: ValidationError, model: type[BaseModel], data: Any) -> list
     return list(dict.fromkeys(faults))
 
 
-def spelled(loc: Loc, data: Any) -> str:
+def spell_path(loc: Loc, data: Any) -> str:
     """A path as `--set` takes it: dotted, with an element's id in place of its index where it has one."""
     parts = []
     for key in loc:
@@ -104,7 +111,9 @@ def _trim(loc: Loc, model: type[BaseModel]) -> Loc:
     """The path without pydantic's own words for the branches of a union."""
     kept: list[str | int] = []
     for key in loc:
-        if walk(model, [*kept, key]) is None and (isinstance(key, str) or model_of(walk(model, kept)) is not None):
+        if type_at(model, [*kept, key]) is None and (
+            isinstance(key, str) or model_of(type_at(model, kept)) is not None
+        ):
             break
         kept.append(key)
     return tuple(kept)
@@ -113,26 +122,26 @@ def _trim(loc: Loc, model: type[BaseModel]) -> Loc:
 def _unknown_key(detail: ErrorDetails, model: type[BaseModel], data: Any) -> tuple[Fault, str]:
     """The fault, and the key that it surely meant ("" if that is unsure)."""
     loc = detail["loc"]
-    inside = model_of(walk(model, loc[:-1]))
+    inside = model_of(type_at(model, loc[:-1]))
     known = list(inside.model_fields) if inside is not None else []
     key, value = str(loc[-1]), detail["input"]
-    unit = units.meant(key, value, known)
+    unit = units.suggest_key(key, value, known)
     hint = unit[1] if unit else nearest(key, known)
     shown = f"{key} = {_shown(value)}"
-    return Fault(spelled(loc, data), shown, "a known key", hint), unit[0] if unit else ""
+    return Fault(spell_path(loc, data), shown, "a known key", hint), unit[0] if unit else ""
 
 
 def _fault(detail: ErrorDetails, model: type[BaseModel], data: Any) -> Fault:
     kind, loc, value = detail["type"], _trim(detail["loc"], model), detail["input"]
     field = field_at(model, loc)
     about = f" ({_first_sentence(field.description)})" if field is not None and field.description else ""
-    where = spelled(loc, data)
+    where = spell_path(loc, data)
     if kind == "missing":
         return Fault(where, "missing", f"a value{about}")
     ctx = detail.get("ctx", {})
     hint = ""
     if kind in ("float_type", "int_type") and isinstance(value, str) and loc:
-        hint = units.of_text(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
+        hint = units.suggest_number(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
     if kind == "literal_error":
         options = [word.strip(" '") for word in ctx["expected"].replace(" or ", ", ").split(",")]
         return Fault(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))

@@ -1,4 +1,4 @@
-"""Where are the files that a scenario names? Relative to its own file; and is each there?"""
+"""Files that a scenario names: located relative to its own file, and checked to be there."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.scenario.faults import spelled
+from skyrange.scenario.faults import spell_path
 
 FILE_KEYS = frozenset({"file", "buildings"})
 """Keys whose text is the name of a file that the run reads."""
@@ -15,7 +15,7 @@ FILE_KEYS = frozenset({"file", "buildings"})
 
 def read_text(path: Path, who: str) -> str:
     """A text file's content. Raises InputError if it is missing, no file, unreadable or not UTF-8."""
-    fault = missing(path, "file")
+    fault = check_file(path, "file")
     if fault is not None:
         raise InputError(who, [fault])
     try:
@@ -26,7 +26,7 @@ def read_text(path: Path, who: str) -> str:
         raise InputError.one(who, f"byte {error.start}", hex(error.object[error.start]), "UTF-8 text") from None
 
 
-def missing(path: Path, where: str) -> Fault | None:
+def check_file(path: Path, where: str) -> Fault | None:
     """What is wrong with a file that should be there, with the nearest name in its folder; None if nothing is."""
     try:
         if path.is_file():
@@ -40,7 +40,7 @@ def missing(path: Path, where: str) -> Fault | None:
         return Fault(where, str(path), f"the name of a file ({error})")
 
 
-def located(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Fault]]:
+def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Fault]]:
     """`data` with the names of files made absolute from `folder`, and a fault for each that is not there."""
     faults: list[Fault] = []
 
@@ -51,7 +51,7 @@ def located(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list
             return [visit(value, (*loc, index)) for index, value in enumerate(part)]
         if isinstance(part, str) and part and loc[-1] in FILE_KEYS:
             path = folder / Path(part).expanduser()
-            fault = missing(path, spelled(loc, data))
+            fault = check_file(path, spell_path(loc, data))
             if fault is not None:
                 faults.append(fault)
             return str(path.absolute())

@@ -1,4 +1,4 @@
-"""Who flies what, from where? A vehicle, and a fleet of many that differ only in place and time."""
+"""Vehicles of a scenario, one by one, and fleets of many that differ only in place and time."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from skyrange.agent.plugins import AUTOPILOTS
 from skyrange.core.errors import Fault, nearest
 from skyrange.scenario.air import AnyAvoidance, RemoteId
-from skyrange.scenario.base import Id, Model, Number, Whole, items, known, refuse, wrong
+from skyrange.scenario.base import Id, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.plan import Plan
+from skyrange.scenario.plugins import known
 from skyrange.world.airframes import AIRFRAMES
 
 MAX_SYSTEM_ID = 250

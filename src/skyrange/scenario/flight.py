@@ -1,4 +1,4 @@
-"""What does a vehicle's plan come to at its place? The ground station's flight plan, made from the scenario's."""
+"""Flight plans of ground stations, made from a vehicle's plan at the place where it starts."""
 
 from __future__ import annotations
 

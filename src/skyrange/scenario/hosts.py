@@ -1,4 +1,4 @@
-"""Which machine runs which component of a live range? A map from components, or patterns of them, to addresses."""
+"""Machines of a live range: a map from components, or patterns of them, to addresses."""
 
 from __future__ import annotations
 

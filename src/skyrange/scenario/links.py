@@ -1,4 +1,4 @@
-"""What is a link's channel in this scenario? Rules by name pattern, the later over the earlier."""
+"""Link rules of a scenario: changes to channels by name pattern, the later over the earlier."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Link(Model):
         return replace(channel, **changes)
 
 
-def channel(rules: Iterable[Link], name: str, default: Channel) -> Channel:
+def resolve_channel(rules: Iterable[Link], name: str, default: Channel) -> Channel:
     """The channel of the link called `name`: `default` under every rule that matches, in order."""
     for rule in rules:
         if fnmatchcase(name, rule.match):

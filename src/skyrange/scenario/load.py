@@ -1,4 +1,4 @@
-"""How does a TOML file become a scenario? Read, override, locate files, build; every fault at once."""
+"""Scenarios from TOML: read, overridden, files located, built; every problem is reported at once."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from skyrange.core.errors import Fault, InputError
-from skyrange.scenario.faults import faults_of
-from skyrange.scenario.files import located, read_text
+from skyrange.scenario.buildings import replace_city
+from skyrange.scenario.faults import explain_errors
+from skyrange.scenario.files import locate_files, read_text
 from skyrange.scenario.overrides import override
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.surroundings import with_buildings
 
 
 def load_file(
@@ -28,7 +28,7 @@ def load_file(
 ) -> Scenario:
     """The scenario in a TOML file.
 
-    `buildings` replaces its city and moves its origin there (see `surroundings`); `overrides` are
+    `buildings` replaces its city and moves its origin there (`buildings.replace_city`); `overrides` are
     `path=value` and come after that; `seed` stands over all. Raises InputError with all faults;
     it blames `who`, or the file.
     """
@@ -47,11 +47,11 @@ def load_text(
     buildings: str | Path | None = None,
 ) -> Scenario:
     """As `load_file`, from TOML text; `who` is blamed for faults, `folder` is where its files are."""
-    data = parse(text, who)
+    data = parse_toml(text, who)
     if "name" not in data and who.endswith(".toml"):
         data["name"] = re.sub(r"[^A-Za-z0-9]+", "-", Path(who).stem).strip("-")[:64] or "scenario"
     if buildings is not None:
-        data = with_buildings(data, buildings)
+        data = replace_city(data, buildings)
     overrides = list(overrides)
     data = override(data, overrides)
     if seed is not None:
@@ -61,17 +61,17 @@ def load_text(
 
 def build(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = ".") -> Scenario:
     """The scenario that plain data describes. Raises InputError with all faults, those of named files too."""
-    data, faults = located(data, Path(folder))
+    data, faults = locate_files(data, Path(folder))
     try:
         scenario = Scenario.model_validate(data)
     except ValidationError as error:
-        raise InputError(who, [*faults_of(error, Scenario, data), *faults]) from None
+        raise InputError(who, [*explain_errors(error, Scenario, data, Scenario.cross_check), *faults]) from None
     if faults:
         raise InputError(who, faults)
     return scenario
 
 
-def parse(text: str, who: str = "scenario") -> dict[str, Any]:
+def parse_toml(text: str, who: str = "scenario") -> dict[str, Any]:
     """TOML text as plain data. Raises InputError that names line and column."""
     try:
         return tomllib.loads(text)

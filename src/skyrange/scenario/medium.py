@@ -1,60 +1,45 @@
-"""Who is on the air? The radio medium of a scenario, the oracle that owns it, and the companions that broadcast."""
+"""Radio of a scenario: the medium, the oracle that owns it, and the companions that broadcast."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from skyrange.agent.air import Listening, RadioSpec
 from skyrange.agent.contracts import Agent, Watcher
-from skyrange.agent.links import Channel, LinkSpec
 from skyrange.attack.contract import Transmitter
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.core.ids import endpoint, link_name, owner_of, vehicle_id
-from skyrange.core.time import NS_PER_MS
+from skyrange.core.ids import endpoint, owner_of, vehicle_id
 from skyrange.gcs.lookout import Lookout
 from skyrange.gcs.plans import CRUISE_MPS
-from skyrange.radio.medium import BuiltinMedium
+from skyrange.radio.contract import BUILTIN, MediumContext
 from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.radio.receivers import PROFILES
 from skyrange.radio.surroundings import Surroundings
 from skyrange.remoteid.profiles import Broadcast
-from skyrange.scenario.air import RemoteId, misplaced
-from skyrange.scenario.faults import spelled
+from skyrange.scenario.air import Avoidance as AvoidanceTable
+from skyrange.scenario.air import RemoteId
 from skyrange.scenario.fleet import Vehicle
 from skyrange.scenario.operators import Operator
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import keys_of
-from skyrange.vehicle.avoidance.contract import Avoidance
+from skyrange.scenario.signing import derive_keys
+from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext
 from skyrange.vehicle.companion.companion import Companion
 from skyrange.vehicle.companion.spec import CompanionSpec
-from skyrange.vehicle.onboard import air_links
 
 COMPANIONS = "companions"
 """The agent that stands for all of them."""
-ORACLE_CHANNEL = Channel(mode="reliable", latency_ns=NS_PER_MS)
-"""Run control and what ground receivers hear: a message queue within one computing centre."""
 
 
 @dataclass(slots=True)
-class OnAir:
+class BuiltRadio:
     """What a radio medium adds to a wiring; nothing without one."""
 
     agents: list[Agent] = field(default_factory=list)
     watchers: list[Watcher] = field(default_factory=list)
     oracle: Oracle | None = None
-
-
-def air_network(scenario: Scenario) -> list[LinkSpec]:
-    """The links to and from the oracle, without those of attackers."""
-    if scenario.radio is None:
-        return []
-    links = [spec for operator, v in scenario.fleet for spec in air_links(vehicle_id(operator.id, v.id))]
-    listeners = dict.fromkeys(receiver.operator for receiver in scenario.radio.receivers)
-    links += [LinkSpec(link_name("oracle", o), endpoint(o, "gcs"), ENDPOINT, ORACLE_CHANNEL) for o in listeners]
-    return [LinkSpec(s.name, s.a, s.b, scenario.channel(s.name, s.channel)) for s in links]
 
 
 def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Broadcast:
@@ -75,62 +60,32 @@ def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Br
     )
 
 
-def air_faults(scenario: Scenario, radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
-    """Everything about the air that only the whole scenario can show."""
-    if scenario.radio is None:
-        hint = "Add [radio] to the scenario."
-        for operator, vehicle in scenario.fleet:
-            where = vehicle_id(operator.id, vehicle.id)
-            if vehicle.remote_id is not None:
-                yield Fault(f"{where}.remote_id", "set", "a radio medium to broadcast over", hint)
-            if vehicle.avoidance is not None:
-                yield Fault(f"{where}.avoidance", vehicle.avoidance.kind, "a radio medium to hear others over", hint)
-        for radio in radios:
-            yield Fault(f"attacks.{owner_of(radio.endpoint)}", "a transmitter", "a radio medium to send over", hint)
-        return
-    operators = [operator.id for operator in scenario.operators]
-    attackers = {owner_of(radio.endpoint) for radio in radios}
-    seen: set[str] = set()
-    for index, receiver in enumerate(scenario.radio.receivers):
-        where = spelled(("radio", "receivers", index), scenario)
-        if receiver.operator not in operators:
-            yield Fault(
-                f"{where}.operator",
-                receiver.operator,
-                "an operator of the scenario",
-                nearest(receiver.operator, operators),
-            )
-        if receiver.id in seen or receiver.id in attackers:
-            yield Fault(f"{where}.id", receiver.id, "an id that no other receiver and no attack has")
-        seen.add(receiver.id)
-        yield from misplaced(f"{where}.place", receiver.place, city)
-    for operator, vehicle in scenario.fleet:
-        try:
-            broadcast_of(operator, vehicle, scenario)
-        except InputError as error:
-            key = vehicle_id(operator.id, vehicle.id)
-            yield from (Fault(f"{key}.remote_id.{f.where}", f.value, f.expected, f.hint) for f in error.faults)
-
-
-def lookout_of(operator: str, scenario: Scenario) -> Lookout | None:
+def make_lookout(operator: str, scenario: Scenario) -> Lookout | None:
     """What an operator's ground receivers tell its ground station; `None` without any."""
     receivers = scenario.radio.receivers if scenario.radio is not None else ()
     names = [receiver.id for receiver in receivers if receiver.operator == operator]
     return Lookout(operator, names, scenario.origin.datum) if names else None
 
 
-def on_air(
+def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]:
+    """What the manifest says of the radio medium, under `medium`; nothing of the builtin one, or of none."""
+    if scenario.radio is None or oracle is None or scenario.radio.plugin is BUILTIN:
+        return {}
+    return {"medium": {"kind": scenario.radio.engine, **oracle.medium.manifest}}
+
+
+def build_radio(
     scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter], here: Container[str]
-) -> OnAir:
+) -> BuiltRadio:
     """Medium, oracle and companions, of those that live at the endpoints `here`.
 
     Raises `InputError` with everything that is wrong with the radios.
     """
     if scenario.radio is None:
-        return OnAir()
+        return BuiltRadio()
     oracle = _oracle(scenario, city, chance, attackers) if ENDPOINT in here else None
     companions = _companions(scenario, city, chance, here)
-    return OnAir([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
+    return BuiltRadio([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
 
 
 def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter]) -> Oracle:
@@ -141,7 +96,7 @@ def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Se
     specs += [RadioSpec(r.id, r.place, PROFILES[r.kind], antenna=r.antenna) for r in radio.receivers]
     specs += [_attacker(one) for one in attackers]
     surroundings = Surroundings(radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm)
-    medium = BuiltinMedium(specs, chance, city, surroundings, radio.every_pair)
+    medium = radio.plugin(radio.settings, MediumContext(specs, chance, city, surroundings, radio.every_pair))
     nodes = [owner_of(one.endpoint) for one in attackers]
     listening = [owner_of(one.endpoint) for one in attackers if one.listens]
     own = [key for key, _, _ in vehicles]
@@ -164,7 +119,7 @@ def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Con
         avoidance = None
         if vehicle.avoidance is not None:
             name = vehicle.avoidance.model_dump_json()
-            avoidance = made[name] = made.get(name) or vehicle.avoidance.make(city)
+            avoidance = made[name] = made.get(name) or _avoidance(vehicle.avoidance, city)
         aboard.append(
             CompanionSpec(
                 key,
@@ -172,10 +127,14 @@ def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Con
                 broadcast_of(operator, vehicle, scenario),
                 avoidance,
                 vehicle.plan.speed_mps or CRUISE_MPS,
-                keys_of(scenario, operator).aircraft,
+                derive_keys(scenario, operator).aircraft,
             )
         )
     return Companion(COMPANIONS, aboard, scenario.origin.datum, chance) if aboard else None
+
+
+def _avoidance(table: AvoidanceTable, city: City | None) -> Avoidance:
+    return table.plugin(table.settings, AvoidanceContext(city))
 
 
 def _aboard(key: str, vehicle: Vehicle, listening: tuple[Listening, ...]) -> RadioSpec:

@@ -1,22 +1,23 @@
-"""Who owns the aircraft, and what is everything called? Operators, with the ids that nobody gave filled in."""
+"""Operators of a scenario, with ids, colours and MAVLink addresses filled in where none are given."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
 from skyrange.agent.plugins import APPROVALS
 from skyrange.core.errors import nearest
-from skyrange.scenario.base import Id, Model, known, wrong
+from skyrange.scenario.base import Id, Model, wrong
 from skyrange.scenario.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
-from skyrange.scenario.signing import Signing
+from skyrange.scenario.plugins import known
 
 COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
 )  # fmt: skip
 """Colours by name; the first ones go, in this order, to operators that choose none."""
+Signing = Literal["off", "on", "wrong-key"]
 
 
 def _known_color(color: str) -> str:
@@ -99,7 +100,7 @@ def vehicle_names(operator: str, given: Sequence[str]) -> list[str]:
     return _numbered(operator[0].lower(), given, set(given))
 
 
-def addresses(given: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+def assign_addresses(given: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     """(network, system id) of an operator's vehicles, with -1 and 0 replaced by the lowest that are free, in order.
 
     A system id given without a network is one of network 0.
@@ -126,7 +127,7 @@ def addresses(given: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     return out
 
 
-def named(operators: Sequence[Operator]) -> tuple[Operator, ...]:
+def name_operators(operators: Sequence[Operator]) -> tuple[Operator, ...]:
     """The operators with fleets as vehicles, shared params in each, and every id, colour and system id filled in."""
     names = operator_names((operator.id, operator.color) for operator in operators)
     return tuple(
@@ -141,7 +142,7 @@ def _vehicles(name: str, operator: Operator) -> tuple[Vehicle, ...]:
     for fleet in operator.fleets:
         vehicles += fleet.vehicles()
         ids += _numbered(fleet.id or name[0].lower(), [""] * fleet.count, set(ids), 1 if fleet.id else len(ids) + 1)
-    where = addresses([(vehicle.network, vehicle.system_id) for vehicle in vehicles])
+    where = assign_addresses([(vehicle.network, vehicle.system_id) for vehicle in vehicles])
     return tuple(
         vehicle.model_copy(
             update={

@@ -1,12 +1,14 @@
-"""How does `--set path=value` change a scenario's table before it is built?
+"""Overrides: `--set path=value` changes a scenario's table before it is built.
 
-A path is dotted keys; an element of a list goes by its id or its index from 0, and `*` means every one.
-Values are TOML; what is no TOML and looks like a bare word or a file's name is text.
+A path is dotted keys; an element of a list goes by its id or its index from 0, and `*` means every one. A key that has
+dots itself stands in quotes: `approvals."acme.first-come".later_s`. Values are TOML; what is no TOML and looks like a
+bare word or a file's name is text.
 """
 
 from __future__ import annotations
 
 import copy
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +20,9 @@ from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.scenario.files import FILE_KEYS
 from skyrange.scenario.operators import operator_names, vehicle_names
 from skyrange.scenario.schema import Scenario
-from skyrange.scenario.walk import element_of, model_of, step, value_of
+from skyrange.scenario.walk import element_of, model_of, type_below, value_of
+
+_KEY = re.compile(r'"([^"]+)"|([^."]+)')
 
 
 def override(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
@@ -32,8 +36,8 @@ def override(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, A
     faults = []
     for assignment in assignments:
         path, equals, text = assignment.partition("=")
-        keys = path.strip().split(".")
-        if not equals or not all(keys):
+        keys = _keys(path.strip())
+        if not equals or not keys:
             faults.append(Fault(assignment, "no assignment", "path=value, such as seed=7"))
             continue
         try:
@@ -49,6 +53,20 @@ def override(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, A
     if faults:
         raise InputError("--set", faults)
     return changed
+
+
+def _keys(path: str) -> list[str]:
+    """The keys of a dotted path, quotes taken off; none where it is malformed."""
+    keys, at = [], 0
+    while (found := _KEY.match(path, at)) is not None:
+        keys.append(found[1] or found[2])
+        at = found.end()
+        if at == len(path):
+            return keys
+        if path[at] != ".":
+            break
+        at += 1
+    return []
 
 
 def parse_value(text: str) -> Any:
@@ -101,7 +119,7 @@ def _places(part: Any, annotation: Any, keys: Sequence[str], above: tuple[str, .
         if not rest:
             yield part, name
             continue
-        below = step(annotation, name)
+        below = type_below(annotation, name)
         if model_of(below) is not None or value_of(below) is not None:
             existing = part.get(name)
             if existing is None:

@@ -1,4 +1,4 @@
-"""Where can a mission drawn elsewhere be flown here? The nearest shift that keeps it clear of walls.
+"""Placing of missions: the nearest shift that keeps start and plan clear of walls and of other paths.
 
 Start and plan move together, so a mission keeps its shape; a receiver on the ground moves out of a building. Places are
 tried on a square lattice, nearest first; equal distances go by angle. Nothing depends on chance.
@@ -16,7 +16,7 @@ from skyrange.gcs.paths import Point
 from skyrange.gcs.routes import enu_points
 from skyrange.scenario.air import Receiver
 from skyrange.scenario.airspace import Airspace
-from skyrange.scenario.faults import spelled
+from skyrange.scenario.faults import spell_path
 from skyrange.scenario.fleet import Vehicle
 from skyrange.scenario.flight import flight_plan
 from skyrange.scenario.schema import Scenario
@@ -47,7 +47,7 @@ def placed(scenario: Scenario, city: City | None) -> Scenario:
     faults: list[Fault] = []
     for o, v in order:
         vehicle = fleets[o][v]
-        where = spelled(("operators", o, "vehicles", v), scenario)
+        where = spell_path(("operators", o, "vehicles", v), scenario)
         try:
             path = enu_points(flight_plan(datum, vehicle))
         except InputError as error:

@@ -1,4 +1,4 @@
-"""What shall an aircraft fly? A square, a path, or a mission file, sent as a mission or as targets.
+"""Plans of aircraft: a square, a path, or a mission file, sent as a mission or as targets.
 
 Squares and paths are relative to the aircraft's start: east, north and up in metres, up measured from
 the ground there.

@@ -1,4 +1,4 @@
-"""What is a scenario? The model that TOML files and Python both build; its JSON Schema is its reference."""
+"""The scenario: the model that TOML files and Python both build; its JSON Schema is its reference."""
 
 from __future__ import annotations
 
@@ -7,29 +7,34 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, field_validator, model_validator
 
 from skyrange.agent.links import Channel
-from skyrange.agent.plugins import ATTACKS, kinds
-from skyrange.core.errors import Fault
+from skyrange.agent.plugins import APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, MEDIA, kinds
+from skyrange.agent.settings import Params
+from skyrange.core.errors import Fault, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
 from skyrange.scenario.air import Avoidance, Radio, Receiver, RemoteId
-from skyrange.scenario.attacks import AttackTable, When, kind_of
+from skyrange.scenario.attacks import AttackTable, When
 from skyrange.scenario.autopilots import Autopilots
 from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.detectors import DetectorTable
 from skyrange.scenario.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.hosts import Hosts
-from skyrange.scenario.links import Link, channel
-from skyrange.scenario.operators import Operator, named
+from skyrange.scenario.links import Link, resolve_channel
+from skyrange.scenario.operators import Operator, name_operators
 from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
-from skyrange.scenario.whole import whole_faults
+from skyrange.scenario.plugins import checked, describe, describe_by_kind, normalized, params_of
+from skyrange.scenario.whole import cross_check
+from skyrange.utm.contract import ApprovalPlugin
 from skyrange.world.wind import Wind as Air
 
 __all__ = [
     "AttackTable",
     "Avoidance",
     "City",
+    "DetectorTable",
     "Fleet",
     "Grid",
     "Link",
@@ -232,20 +237,40 @@ class Scenario(Model):
     hosts: Hosts = Field(default_factory=dict)
     live: Live = Field(default_factory=Live, description="How a live range is run; default: as usual.")
     operators: tuple[Operator, ...] = Field(description="Who takes part, one operator or more.")
+    approvals: dict[str, dict[str, Any]] = Field(
+        default_factory=dict,
+        description="Parameters of approval services, by kind, such as approvals.authority; one service of a kind "
+        "serves all operators that have it. Default: those of each kind.",
+    )
     attacks: tuple[AttackTable, ...] = Field(default=(), description="What is done to them; default: nothing.")
+    detectors: tuple[DetectorTable, ...] = Field(
+        default=(), description="What listens to links and raises alerts; default: nothing."
+    )
+
+    @field_validator("approvals")
+    @classmethod
+    def _of_their_kinds(cls, approvals: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        """The parameters with every default."""
+        offered = kinds(APPROVALS)
+        unknown = [kind for kind in approvals if kind not in offered]
+        if unknown:
+            raise refuse(*(Fault(kind, kind, "an approval service", nearest(kind, offered)) for kind in unknown))
+        return {kind: normalized(ApprovalPlugin.find(kind), given, kind) for kind, given in approvals.items()}
 
     @model_validator(mode="after")
     def _as_a_whole(self) -> Scenario:
-        object.__setattr__(self, "operators", named(self.operators))
-        faults = whole_faults(self)
+        object.__setattr__(self, "operators", name_operators(self.operators))
+        faults = cross_check(self)
         if faults:
             raise refuse(*faults)
+        for kind in sorted({operator.approval for operator in self.operators} - self.approvals.keys()):
+            checked(ApprovalPlugin.find(kind), {}, f"approvals.{kind}")  # the kind may need some that are not given
         return self
 
     @classmethod
-    def faults_between(cls, data: Any) -> list[Fault]:
+    def cross_check(cls, data: Any) -> list[Fault]:
         """What `whole` finds in a table that is no scenario yet."""
-        return whole_faults(data)
+        return cross_check(data)
 
     @property
     def epoch(self) -> Epoch:
@@ -259,7 +284,11 @@ class Scenario(Model):
 
     def channel(self, name: str, default: Channel) -> Channel:
         """The channel of the link called `name`: `default` under every rule of `links` that matches."""
-        return channel(self.links, name, default)
+        return resolve_channel(self.links, name, default)
+
+    def approval_params(self, kind: str) -> Params:
+        """The parameters of an approval service as its plugin's own model."""
+        return params_of(ApprovalPlugin.find(kind), self.approvals.get(kind, {}), f"approvals.{kind}")
 
     def data(self) -> dict[str, Any]:
         """The scenario as plain data that `load.build` turns into its equal: no None, tuples as lists."""
@@ -280,15 +309,15 @@ _BOUNDS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "ex
 def json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a scenario; every property says its meaning and unit."""
     schema = Scenario.model_json_schema(mode="validation")
-    attack = schema["$defs"]["AttackTable"]
-    attack["properties"]["kind"]["examples"] = list(kinds(ATTACKS))
-    attack["allOf"] = []
-    for kind in kinds(ATTACKS):
-        params = kind_of(kind).params.model_json_schema(mode="validation", ref_template="#/$defs/{model}")
-        schema["$defs"].update(params.pop("$defs", {}))
-        schema["$defs"][params["title"]] = params
-        means = {"properties": {"params": {"$ref": f"#/$defs/{params['title']}"}}}
-        attack["allOf"].append({"if": {"properties": {"kind": {"const": kind}}}, "then": means})
+    models = schema["$defs"]
+    describe_by_kind(schema, models["AttackTable"], ATTACKS)
+    describe_by_kind(schema, models["DetectorTable"], DETECTORS)
+    describe_by_kind(schema, models["Avoidance"], AVOIDANCE)
+    describe_by_kind(schema, models["Radio"], MEDIA, "engine")
+    options = models["Autopilots"]["properties"]["options"]
+    for group, table in ((APPROVALS, schema["properties"]["approvals"]), (AUTOPILOTS, options)):
+        table["properties"] = {kind: describe(schema, group, kind) for kind in kinds(group)}
+        table["additionalProperties"] = False
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_bounded(schema)}
 
 

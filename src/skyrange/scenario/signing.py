@@ -1,20 +1,18 @@
-"""Who holds which MAVLink signing key? A model of pairing: keys follow from the scenario and protect nothing real."""
+"""MAVLink signing keys of a scenario: a model of pairing. Keys follow from the scenario and protect nothing real."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from skyrange.agent.plugins import AUTOPILOTS, find
 from skyrange.core.errors import Fault
 from skyrange.core.ids import vehicle_id
+from skyrange.scenario.operators import Operator
+from skyrange.scenario.schema import Scenario
 
 if TYPE_CHECKING:
     from skyrange.codec.signing import SigningKey
-    from skyrange.scenario.operators import Operator
-    from skyrange.scenario.schema import Scenario
-
-Signing = Literal["off", "on", "wrong-key"]
 
 
 class Keys(NamedTuple):
@@ -29,7 +27,7 @@ def passphrase(seed: int, operator: str) -> str:
     return f"skyrange/{seed}/{operator}"
 
 
-def keys_of(scenario: Scenario, operator: Operator) -> Keys:
+def derive_keys(scenario: Scenario, operator: Operator) -> Keys:
     """The keys of an operator of a scenario. With a wrong key, its ground station has that of another passphrase."""
     from skyrange.codec.signing import SigningKey, secret_of, timestamp_of  # slow to import, and mostly off
 
@@ -42,7 +40,7 @@ def keys_of(scenario: Scenario, operator: Operator) -> Keys:
     return Keys(aircraft, SigningKey(secret_of(f"{words}/wrong"), initial))
 
 
-def signing_faults(scenario: Scenario) -> Iterator[Fault]:
+def check_signing(scenario: Scenario) -> Iterator[Fault]:
     """Aircraft that are to sign and whose autopilot cannot."""
     for operator, vehicle in scenario.fleet:
         if operator.signing != "off" and not getattr(find(AUTOPILOTS, vehicle.autopilot), "signs", False):

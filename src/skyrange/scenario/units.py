@@ -1,4 +1,4 @@
-"""Was it the unit? Hints for a key without its suffix, in another unit, or a number given as text."""
+"""Hints about units: for a key without its suffix, a value in another unit, or a number given as text."""
 
 from __future__ import annotations
 
@@ -52,29 +52,29 @@ _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Z
 _SPELLINGS = {"m/s": "mps", "km/h": "kmh", "°": "deg", "sec": "s", "metres": "m", "meters": "m", "foot": "ft"}
 
 
-def split(key: str) -> tuple[str, str]:
+def split_unit(key: str) -> tuple[str, str]:
     """A key's stem and unit suffix, "" if it has none: `alt_m` is ("alt", "m")."""
     stem, _, last = key.rpartition("_")
     return (stem, last.lower()) if stem and last.lower() in _SUFFIXES else (key, "")
 
 
-def meant(key: str, value: object, known: Iterable[str]) -> tuple[str, str] | None:
+def suggest_key(key: str, value: object, known: Iterable[str]) -> tuple[str, str] | None:
     """The known key that `key` is but for its unit, and a hint that converts `value`; None if there is none."""
-    stem, unit = split(key)
+    stem, unit = split_unit(key)
     for candidate in known:
-        other_stem, other_unit = split(candidate)
+        other_stem, other_unit = split_unit(candidate)
         if candidate != key and other_unit and stem.lower() == other_stem.lower():
             return candidate, _as(value, unit, candidate, other_unit)
     return None
 
 
-def of_text(text: str, key: str) -> str:
+def suggest_number(text: str, key: str) -> str:
     """A hint for a number given as text under `key`; "" if it is no number."""
     match = _QUANTITY.match(text)
     if match is None:
         return ""
     number, unit = float(match[1]), _SPELLINGS.get(match[2].lower(), match[2].lower())
-    ours = split(key)[1]
+    ours = split_unit(key)[1]
     if not unit or unit == ours:
         return f"Write {key} = {match[1]}" + (f": the key says {UNIT_NAMES[ours]}." if ours else ", without quotes.")
     if not ours:

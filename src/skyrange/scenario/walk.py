@@ -1,4 +1,4 @@
-"""Which field of the model does a key path mean? Walks annotations, past options, lists and tables."""
+"""Field paths: from a path of keys to the field and type of the model that it means."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def value_of(annotation: Any) -> Any | None:
     return None
 
 
-def step(annotation: Any, key: str | int) -> Any | None:
+def type_below(annotation: Any, key: str | int) -> Any | None:
     """The type one step down, by a field's name, an element's index or a table's key; None where there is none."""
     if isinstance(key, int):
         return element_of(annotation)
@@ -45,12 +45,12 @@ def step(annotation: Any, key: str | int) -> Any | None:
     return value_of(annotation)
 
 
-def walk(root: Any, keys: Iterable[str | int]) -> Any | None:
+def type_at(root: Any, keys: Iterable[str | int]) -> Any | None:
     """The type at a path below `root`, None if the path leaves the model."""
     for key in keys:
         if root is None:
             return None
-        root = step(root, key)
+        root = type_below(root, key)
     return root
 
 
@@ -61,7 +61,7 @@ def field_at(root: Any, keys: tuple[str | int, ...]) -> FieldInfo | None:
         model = model_of(root)
         if model is not None and isinstance(key, str) and key in model.model_fields:
             found = model.model_fields[key]
-        root = step(root, keys[depth])
+        root = type_below(root, keys[depth])
         if root is None:
             break
     return found

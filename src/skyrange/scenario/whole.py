@@ -1,4 +1,4 @@
-"""What must hold of a scenario as a whole? Someone flies, no name stands twice, every rule meets a link.
+"""Cross-checks of a scenario: someone flies, no name stands twice, every rule matches a link.
 
 The checks read models and raw tables alike, so that a file with bad values elsewhere still hears of these.
 """
@@ -11,7 +11,7 @@ from typing import Any
 
 from skyrange.core.errors import Fault, nearest
 from skyrange.core.ids import vehicle_id
-from skyrange.scenario.attacks import attack_faults
+from skyrange.scenario.attacks import check_attack_vehicles
 from skyrange.scenario.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.links import link_names
 from skyrange.scenario.operators import Operator
@@ -19,7 +19,7 @@ from skyrange.scenario.operators import Operator
 _NONE: tuple[Any, ...] = (None, (), [])
 
 
-def whole_faults(scenario: Any) -> list[Fault]:
+def cross_check(scenario: Any) -> list[Fault]:
     """All faults between the parts of a Scenario, or of the table it is to be built from.
 
     Of a table, only what can be told before its values are known to be sound.
@@ -33,9 +33,11 @@ def whole_faults(scenario: Any) -> list[Fault]:
         for index, operator in enumerate(operators):
             faults += _fleet_faults(f"operators.{index}", operator)
     faults += _twice("attacks", _list(scenario, "attacks") or (), "id", "an id that no other attack has")
+    faults += _twice("detectors", _list(scenario, "detectors") or (), "id", "an id that no other detector has")
     if not isinstance(scenario, Mapping):
         faults += _rule_faults(scenario)
-        faults += attack_faults(scenario.attacks, [vehicle_id(o.id, v.id) for o, v in scenario.fleet])
+        faults += _approval_faults(scenario)
+        faults += check_attack_vehicles(scenario.attacks, [vehicle_id(o.id, v.id) for o, v in scenario.fleet])
     return faults
 
 
@@ -90,6 +92,14 @@ def _rule_faults(scenario: Any) -> Iterator[Fault]:
         if not any(fnmatchcase(name, rule.match) for name in names):
             hint = nearest(rule.match, names) or f"A link's name is like {names[-1]!r}." if names else ""
             yield Fault(f"links.{index}.match", rule.match, "a name or pattern that some link matches", hint)
+
+
+def _approval_faults(scenario: Any) -> Iterator[Fault]:
+    """Parameters of approval services that nobody has."""
+    used = sorted({operator.approval for operator in scenario.operators})
+    for kind in scenario.approvals:
+        if kind not in used:
+            yield Fault(f"approvals.{kind}", kind, "the approval of an operator", nearest(kind, used))
 
 
 def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterator[Fault]:

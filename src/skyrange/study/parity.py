@@ -147,7 +147,7 @@ def _both(
 
 
 def _at(scenario: Scenario, rates: str) -> Scenario:
-    told = scenario.autopilots.told("ardupilot", {"rates": rates}, f"{scenario.name} at rates {rates}")
+    told = scenario.autopilots.with_options("ardupilot", {"rates": rates}, f"{scenario.name} at rates {rates}")
     return scenario.model_copy(update={"autopilots": told})
 
 

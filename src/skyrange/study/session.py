@@ -1,10 +1,11 @@
-"""How does one fly a scenario and get a record with its report? The library's front door."""
+"""Runs of scenarios: one call flies a scenario and returns its record, with its report."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 
+from skyrange.agent.contracts import Observer
 from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.agent.monitors import MonitorPlacement
 from skyrange.core.errors import ShortfallError
@@ -25,6 +26,7 @@ def fly(
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
     monitors: Sequence[MonitorPlacement] = (),
+    observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     report: bool = True,
@@ -34,14 +36,13 @@ def fly(
 
     `speed` is that of `Run.execute`; without one a run that is watched goes in real time, or at the pace of engines
     that have one, and any other as fast as it goes. `taps`, `attacks` and `monitors` are placed on its links.
-    `viewers` are served between steps; closing them is the caller's. `motion` is that of `Run.start`. Errors as
-    `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
+    `observers` see everything and alter nothing. `viewers` are served between steps; closing them is the caller's.
+    `motion` is that of `Run.start`. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as
+    well.
     """
     asked = 0.0 if speed is None else speed
     Pace(asked)  # refuses what is no speed before there is a folder
     if viewers is None:
-        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
-    else:
         run = Run.start(
             scenario,
             out,
@@ -49,7 +50,19 @@ def fly(
             taps=taps,
             attacks=attacks,
             monitors=monitors,
-            observers=[viewers],
+            observers=observers,
+            motion=motion,
+        )
+    else:
+        seeing = [*observers, viewers]
+        run = Run.start(
+            scenario,
+            out,
+            speed=asked,
+            taps=taps,
+            attacks=attacks,
+            monitors=monitors,
+            observers=seeing,
             fuse=False,
             motion=motion,
         )
@@ -94,6 +107,7 @@ def run(
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
     monitors: Sequence[MonitorPlacement] = (),
+    observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     motion: bool = False,
@@ -102,10 +116,10 @@ def run(
 
     `scenario` is a `Scenario`, a shipped scenario's name, or a TOML file. `out` defaults to the first
     free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
-    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps`, `attacks` and
-    `monitors` are placed on its links by name or pattern. `viewers` (`runtime.viewers.Viewers`) let ground stations
-    watch, best at `speed` 1. `motion` is `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles
-    be moved.
+    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps`, `attacks` and `monitors` are
+    placed on its links by name or pattern. `observers` (`agent.contracts.Observer`) see every frame, note, label and
+    tick, and alter nothing. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best at `speed` 1.
+    `motion` is `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles be moved.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -120,6 +134,7 @@ def run(
         taps=taps,
         attacks=attacks,
         monitors=monitors,
+        observers=observers,
         viewers=viewers,
         on_progress=on_progress,
         motion=motion,

@@ -1,21 +1,27 @@
-"""Does my plugin keep skyrange's contracts? Checks for agents, taps, monitors, autopilot engines, approvals, attacks
-and media.
+"""Conformance checks for plugin authors: agents, taps, monitors, autopilot engines, approvals, attacks and radio media.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
+
+What is exported here is public; the modules below are private and may change.
 """
 
 from __future__ import annotations
 
-from skyrange.testing.agents import check_agent
-from skyrange.testing.approvals import check_approval
-from skyrange.testing.attacks import check_attack
-from skyrange.testing.engines import check_engine
-from skyrange.testing.mail import Letter, Postbag
-from skyrange.testing.media import check_medium
-from skyrange.testing.monitors import check_monitor
-from skyrange.testing.rules import NonConformance
-from skyrange.testing.taps import check_tap
+from typing import TYPE_CHECKING
+
+from skyrange.core.lazy_exports import export_lazily
+
+if TYPE_CHECKING:
+    from skyrange.testing.agents import check_agent
+    from skyrange.testing.approval_services import check_approval
+    from skyrange.testing.attacks import check_attack
+    from skyrange.testing.engines import check_engine
+    from skyrange.testing.mail import Letter, Postbag
+    from skyrange.testing.media import check_medium
+    from skyrange.testing.monitors import check_monitor
+    from skyrange.testing.rules import NonConformance
+    from skyrange.testing.taps import check_tap
 
 __all__ = [
     "Letter",
@@ -29,3 +35,10 @@ __all__ = [
     "check_monitor",
     "check_tap",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = export_lazily(__name__)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,10 +1,11 @@
-"""Which rules are there? `python -m skyrange.testing` prints the reference page, docs/reference/conformance.md."""
+"""Rules of all conformance checks: `python -m skyrange.testing` prints the page docs/reference/conformance.md."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from skyrange.testing.agents import AGENT
+from skyrange.testing.approval_services import SERVICE
 from skyrange.testing.approvals import APPROVAL
 from skyrange.testing.attacks import ATTACK
 from skyrange.testing.engines import ENGINE
@@ -17,7 +18,8 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Agents: `check_agent`": AGENT,
     "Taps: `check_tap`": TAP,
     "Autopilot engines: `check_engine`": ENGINE,
-    "Approvals: `check_approval`": APPROVAL,
+    "Approval policies: `check_approval`": APPROVAL,
+    "Approval services: `check_approval`": SERVICE,
     "Attacks: `check_attack`": ATTACK,
     "Radio media: `check_medium`": MEDIUM,
     "Monitors: `check_monitor`": MONITOR,

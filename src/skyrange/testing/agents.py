@@ -1,4 +1,4 @@
-"""Does an agent keep its contract? (`skyrange.agent.contracts.Agent`)"""
+"""Conformance check of agents (`skyrange.agent.contracts.Agent`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does an approval keep its contract? (`skyrange.utm.contract.Approval`)"""
+"""Conformance check of what decides on flight plans (`skyrange.utm.contract.ApprovalPolicy`)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skyrange.core.volumes import Volume4D
 from skyrange.testing.driving import copied
 from skyrange.testing.purity import Call, plainly, watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
-from skyrange.utm.contract import Approval, Decision, Intent, intent_id
+from skyrange.utm.contract import ApprovalPolicy, Decision, Intent, intent_id
 from skyrange.utm.messages import MAX_VERTICES, MAX_VOLUMES, DecisionBody, Response, decode_response, encode
 
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)
@@ -26,23 +26,15 @@ Asked = tuple[Time, Intent]
 
 @dataclass
 class ApprovalCase:
-    """An approval to be checked: how a fresh one is made, and what it is asked."""
+    """A policy to be checked: how a fresh one is made, and what it is asked."""
 
-    make: Callable[[], Approval]
+    make: Callable[[], ApprovalPolicy]
     asked: Sequence[Asked]
 
 
-def check_approval(
-    make: Callable[[], Approval], *, requests: Sequence[Asked] | None = None, name: str | None = None
-) -> None:
-    """Check that the approvals which `make` returns keep every rule of `APPROVAL`.
-
-    Each call of `make` returns a fresh approval, all alike. `requests` are (now, intent) in order of
-    arrival; by default `ordinary()`. Raises `NonConformance` at the first broken rule; `name` stands in
-    it for the approval's class.
-    """
-    case = ApprovalCase(make, ordinary() if requests is None else requests)
-    APPROVAL.check(f"approval {name or type(make()).__name__}", case)
+def check_policy(make: Callable[[], ApprovalPolicy], asked: Sequence[Asked], name: str | None = None) -> None:
+    """Check that the policies which `make` returns keep every rule of `APPROVAL`; each call returns a fresh one."""
+    APPROVAL.check(f"approval {name or type(make()).__name__}", ApprovalCase(make, asked))
 
 
 def box(
@@ -177,7 +169,7 @@ def _extreme(case: ApprovalCase) -> None:
     _ask(case.make(), [*extreme(), *case.asked])
 
 
-def _ask(approval: Approval, asked: Sequence[Asked], call: Call = plainly) -> list[Decision]:
+def _ask(approval: ApprovalPolicy, asked: Sequence[Asked], call: Call = plainly) -> list[Decision]:
     decisions = []
     for now, intent in asked:
         try:

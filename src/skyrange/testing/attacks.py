@@ -1,4 +1,4 @@
-"""Does an attack keep its contract? (`skyrange.attack.contract`) It is flown: without it, muted, live, sham, forked."""
+"""Conformance check of attacks, by flights: without the attack, muted, live, as a sham, and forked."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
+from skyrange.scenario.attack_making import make_attack_context
 from skyrange.scenario.schema import Operator as Owner
 from skyrange.scenario.schema import Origin, Scenario, Start, Vehicle, square
-from skyrange.scenario.wire import setting_of, wire
+from skyrange.scenario.wire import wire
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 
 ID = "checked"
@@ -82,7 +83,9 @@ class AttackCase:
         """A fresh attack and its schedule."""
         rig = wire(self.scenario)
         schedule = Schedule()
-        setting = replace(setting_of(rig.scenario, rig.wiring.links, rig.city), id=ID, schedule=schedule, sham=sham)
+        setting = replace(
+            make_attack_context(rig.scenario, rig.wiring.links, rig.city), id=ID, schedule=schedule, sham=sham
+        )
         try:
             attack = self.kind(self.kind.params.model_validate(dict(self.params)), setting)
         except SkyrangeError:

@@ -1,4 +1,4 @@
-"""How is an agent driven as a kernel would drive it, alone? Mail at service times, wake-ups when due."""
+"""Driver of a single agent, as a kernel drives it: mail at service times, wake-ups when due."""
 
 from __future__ import annotations
 

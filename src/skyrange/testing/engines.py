@@ -1,16 +1,19 @@
-"""Does an autopilot engine keep its contract? (`skyrange.agent.contracts.Engine`)"""
+"""Conformance check of autopilot engines (`skyrange.agent.contracts.Engine`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from skyrange.agent.contracts import ENGINE_MEMBERS, Engine, Finished, InstanceStatus, World
+from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
+from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, owner_of
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.testing.driving import copied
 from skyrange.testing.fleet import CHANCE, EPOCH, FLEET, ORIGIN, Factory, open_field, take_off
 from skyrange.testing.flying import Flight
@@ -19,7 +22,7 @@ from skyrange.testing.hostile import Volume, check_modest, forged, garbage, shor
 from skyrange.testing.mail import Letter, post
 from skyrange.testing.purity import watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
 
 ENGINE: RuleBook[EngineCase] = RuleBook("engine")
 
@@ -33,6 +36,8 @@ class EngineCase:
     world: Callable[[Sequence[VehicleSpec]], World]
     letters: Sequence[Letter] | None
     until: Time
+    program: bool = False
+    """Whether its plugin says that it runs programs."""
 
     def make(self, specs: Sequence[VehicleSpec] | None = None, name: str = "checked") -> Engine:
         """A fresh engine for some of the aircraft, or for all."""
@@ -51,7 +56,7 @@ class EngineCase:
     @cached_property
     def runs_programs(self) -> bool:
         """Whether it starts programs: these need sockets and files, and cannot be copied."""
-        return self.make().runs_programs
+        return self.program or self.make().runs_programs
 
     def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
         """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
@@ -67,7 +72,8 @@ class EngineCase:
 
 
 def check_engine(
-    factory: Factory,
+    engine: AutopilotPlugin | Factory,
+    params: Mapping[str, Any] | None = None,
     *,
     specs: Sequence[VehicleSpec] = FLEET,
     world: Callable[[Sequence[VehicleSpec]], World] = open_field,
@@ -75,16 +81,25 @@ def check_engine(
     until: Time = 5 * NS_PER_S,
     name: str | None = None,
 ) -> None:
-    """Check that the engines which `factory` makes keep every rule of `ENGINE`.
+    """Check that the engines of a plugin with `params`, or those that a function makes, keep every rule of `ENGINE`.
 
-    `factory` is what is registered: it is called with a name, some or all of `specs` (two or more, or `split` shows
-    nothing), an origin, an epoch and chance. `world(specs)` makes the world they fly in, for `until` ns. `mail` is
-    what a friendly peer would send; by default that of `take_off`. Of an engine that
-    does not repeat to the byte, nothing is asked that compares two runs, nor `pure`. Raises `NonConformance` at the
-    first broken rule; `name` stands in it for the factory's.
+    Engines are made for some or all of `specs` (two or more, or `split` shows nothing); a function is called with a
+    name, specs, an origin, an epoch and chance. `world(specs)` makes the world they fly in, for `until` ns. `mail` is
+    what a friendly peer would send; by default that of `take_off`. Of an engine that does not repeat to the byte,
+    nothing is asked that compares two runs, nor `pure`. Raises `NonConformance` at the first broken rule; `name`
+    stands in it for the engine's class.
     """
-    who = name or getattr(factory, "__name__", type(factory).__name__)
-    ENGINE.check(f"engine {who}", EngineCase(factory, specs, world, mail, until))
+    if not isinstance(engine, AutopilotPlugin):
+        who = name or getattr(engine, "__name__", type(engine).__name__)
+        ENGINE.check(f"engine {who}", EngineCase(engine, specs, world, mail, until))
+        return
+    plugin, settings = engine, engine.params.model_validate(dict(params or {}))
+
+    def make(name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> Engine:
+        return plugin(settings, AutopilotContext(name, specs, origin, epoch, chance))
+
+    case = EngineCase(make, specs, world, mail, until, plugin.program)
+    ENGINE.check(f"engine {name or type(case.make()).__name__}", case)
 
 
 @ENGINE.rule(

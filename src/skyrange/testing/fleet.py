@@ -1,4 +1,4 @@
-"""With which aircraft, in which world and with which mail is an engine checked, unless told otherwise?"""
+"""Defaults of the check of engines: aircraft, their world and their mail."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FLEET = tuple(
 """The aircraft that an engine is checked with."""
 
 Factory = Callable[[str, Sequence[VehicleSpec], Origin, Epoch, Chance], Engine]
-"""What an autopilot registers: `factory(name, specs, origin, epoch, chance)`."""
+"""Makes an engine: `factory(name, specs, origin, epoch, chance)`."""
 
 
 def open_field(specs: Sequence[VehicleSpec]) -> World:

@@ -1,4 +1,4 @@
-"""How is an engine flown as a kernel would fly it? World, sensors, mail and ticks, one or more engines at once."""
+"""Driver of engines, as a kernel drives them: world, sensors, mail and ticks, one or more engines at once."""
 
 from __future__ import annotations
 

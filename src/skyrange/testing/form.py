@@ -1,4 +1,4 @@
-"""Is what a component hands back of the right form? Departures, notes, causes: shared by agents and engines."""
+"""Checks of outboxes, shared by agents and engines: departures, notes and causes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which bytes would an adversary try, and how much may be said in answer?
+"""Hostile input: bytes that an adversary would try, and how much may be sent in answer.
 
 The same bytes every time: no chance, so a finding repeats.
 Garbage is what no decoder should take; forged is what every MAVLink decoder must take, since its

@@ -1,4 +1,4 @@
-"""What is a component sent while it is checked? Letters, and the arrivals they become."""
+"""Input of a component under check: letters, the arrivals that they become, and a recorder of real ones."""
 
 from __future__ import annotations
 

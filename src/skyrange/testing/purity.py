@@ -1,4 +1,4 @@
-"""Does simulated code reach for the world outside? A watch over every call that it makes.
+"""Purity watch: every call of simulated code is seen, and those that reach outside are stopped.
 
 `sys.setprofile` shows each call of a Python or C function of this thread before it is made, however it
 was imported. Forbidden ones are noted and stopped; being noted, they are found even where the

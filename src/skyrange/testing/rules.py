@@ -1,4 +1,4 @@
-"""What is a rule of a contract, and how is it said that something breaks one?
+"""Rules of contracts, books of rules, and the error that says which one is broken.
 
 A rule has an id (`agent.pure`), a sentence, and a check: a function of a case that raises `Broken`.
 A `RuleBook` holds the rules of one kind of component in the order in which they are checked.

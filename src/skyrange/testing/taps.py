@@ -1,4 +1,4 @@
-"""Does a tap keep its contract? (`skyrange.agent.contracts.Tap`)"""
+"""Conformance check of taps (`skyrange.agent.contracts.Tap`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How is a tap driven as a kernel would drive it, alone? Frames when they are sent, wake-ups when due."""
+"""Driver of a single tap, as a kernel drives it: frames when they are sent, wake-ups when due."""
 
 from __future__ import annotations
 

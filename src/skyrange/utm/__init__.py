@@ -1,1 +1,1 @@
-"""Who may fly where and when? The approval contract, its messages, and the services that answer."""
+"""UAS traffic management: the contract of flight approvals, their messages, and the services that answer."""

@@ -1,4 +1,4 @@
-"""What must a flight approval decide, and about what? An operational intent in, a decision out.
+"""Flight approvals as plugins: what one is told when it is made, and what it then owns.
 
 Words are those of ASTM F3548-21: an *operational intent* claims 4-D volumes; an accepted one gets an
 *OVN* (opaque version number), which names the version that was accepted.
@@ -6,12 +6,23 @@ Words are those of ASTM F3548-21: an *operational intent* claims 4-D volumes; an
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from skyrange.agent.plugins import APPROVALS, Plugin
+from skyrange.core.ids import APPROVAL, Port, endpoint, link_name
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D
+
+if TYPE_CHECKING:
+    from skyrange.agent.contracts import Agent
+    from skyrange.agent.links import LinkSpec
+    from skyrange.city.city import City
+    from skyrange.core.chance import Chance
+    from skyrange.core.geodesy import Origin
+    from skyrange.core.time import Epoch
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +50,8 @@ class Decision:
     ovn: str = ""
 
 
-class Approval(Protocol):
-    """Decides on intents. Registered by entry point in the group `skyrange.approvals`.
+class ApprovalPolicy(Protocol):
+    """Decides on intents: all that an approval needs that is one service for all its operators (`policy_plugin`).
 
     Same calls in the same order, same answers: no clock, no socket. Its state is deep-copyable data.
     """
@@ -48,6 +59,48 @@ class Approval(Protocol):
     def decide(self, now: Time, request: Intent) -> Decision:
         """Accept or reject `request` at `now`; called once per distinct request, in order of arrival."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class ApprovalContext:
+    """What the scenario tells an approval that it makes: one serves all operators of its kind."""
+
+    name: str
+    """What its agent is called: `approval.<kind>`; of several agents each name begins so, and goes on after a dot."""
+    operators: Sequence[str]
+    """Those that it serves, in order."""
+    origin: Origin
+    epoch: Epoch
+    chance: Chance
+    city: City | None = None
+    """The buildings, if there are any."""
+
+    def port(self, operator: str) -> Port:
+        """Where the requests of an operator arrive, and the answers leave. Each belongs to exactly one agent."""
+        return Port(APPROVAL, link_name(APPROVAL, operator))
+
+    def endpoint(self, name: str) -> str:
+        """An endpoint of the approval's own, an end of links between its agents: `approval.<name>`."""
+        return endpoint(APPROVAL, name)
+
+
+@dataclass(frozen=True, slots=True)
+class ApprovalService:
+    """What an approval owns: its agents, and the links between them."""
+
+    agents: Sequence[Agent]
+    links: Sequence[LinkSpec] = ()
+    """Links that it brings along, of kind `uss`, between endpoints of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class ApprovalPlugin(Plugin[ApprovalContext, ApprovalService]):
+    """A kind of flight approval. What speaks on the `approval` links is `utm.messages`."""
+
+    group: ClassVar[str] = APPROVALS
+
+    policy: Callable[[Any], ApprovalPolicy] | None = None
+    """`policy(params)`: what decides, where that is one object (`policy_plugin`); None for another design."""
 
 
 def intent_id(vehicle: str, version: int = 0) -> str:

@@ -1,4 +1,4 @@
-"""What do operators and the flight approval say to each other? One JSON object per frame, HTTP-like.
+"""Messages between operators and a flight approval: one JSON object per frame, HTTP-like.
 
 A request is `{"method", "path", "body"}`, a response `{"status", "path", "body"}`. Bodies use the JSON
 names of ASTM F3548-21 annex A4 (its OpenAPI interface): `outline_polygon.vertices[].lat/lng`,

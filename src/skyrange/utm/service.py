@@ -1,20 +1,22 @@
-"""Who answers on the approval links? One agent at the endpoint `approval`, for all operators.
+"""Flight approval service: one agent at the endpoint `approval`, for all operators.
 
-It reads requests, has its `Approval` decide each distinct one once, and answers. A request that comes
+It reads requests, has its policy decide each distinct one once, and answers. A request that comes
 again (its answer may have been lost) gets the same answer, without another decision. Nothing an
 operator sends can stop it: bad bytes are counted, noted and answered with 400.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from hashlib import blake2b
+from typing import Any
 
 from skyrange.agent.messages import Arrival, Inbox, Outbox
+from skyrange.agent.settings import Params
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import APPROVAL, Port, link_name, operator_of
 from skyrange.core.time import NS_PER_MS, Epoch, Time
-from skyrange.utm.contract import Approval
+from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService
 from skyrange.utm.messages import PATH, Response, decode_request, encode
 
 SERVICE_NS = 20 * NS_PER_MS
@@ -31,17 +33,23 @@ class FlightApproval:
     """
 
     def __init__(
-        self, operators: Sequence[str], epoch: Epoch, approval: Approval, *, service_ns: Time = SERVICE_NS
+        self,
+        operators: Sequence[str],
+        epoch: Epoch,
+        policy: ApprovalPolicy,
+        *,
+        service_ns: Time = SERVICE_NS,
+        name: str = APPROVAL,
     ) -> None:
-        """`approval` decides for all `operators`, each on its own link `approval:<operator>`."""
-        self.name = APPROVAL
+        """`policy` decides for all `operators`, each on its own link `approval:<operator>`."""
+        self.name = name
         self.service_ns = service_ns
         self.ports: Sequence[Port] = tuple(Port(APPROVAL, link_name("approval", operator)) for operator in operators)
         self.bad_frames: dict[str, int] = dict.fromkeys(operators, 0)
         """Requests per operator that were not understood."""
         self._operator_of = {port.link: operator for port, operator in zip(self.ports, operators, strict=True)}
         self._epoch = epoch
-        self._approval = approval
+        self._policy = policy
         self._answers: dict[str, dict[str, tuple[bytes, bytes]]] = {operator: {} for operator in operators}
 
     def next_wakeup(self) -> Time | None:
@@ -73,7 +81,7 @@ class FlightApproval:
         if known is not None and known[0] == digest:
             out.send(arrival.port, known[1], (arrival.ref,))
             return
-        decision = self._approval.decide(now, request.intent(self._epoch))
+        decision = self._policy.decide(now, request.intent(self._epoch))
         answer = encode(Response.of(body.id, decision, self._epoch))
         answers.pop(body.id, None)
         answers[body.id] = (digest, answer)
@@ -89,3 +97,13 @@ class FlightApproval:
             reason = getattr(response.body, "message", "")
             out.note("decision.approval_bad_request", operator, {"count": count, "reason": reason}, (arrival.ref,))
         out.send(arrival.port, encode(response), (arrival.ref,))
+
+
+def policy_plugin(params: type[Params], make: Callable[[Any], ApprovalPolicy], about: str) -> ApprovalPlugin:
+    """An approval that is one service, of an object that decides: `make(params)` returns an `ApprovalPolicy`."""
+
+    def serve(given: Params, context: ApprovalContext) -> ApprovalService:
+        service = FlightApproval(context.operators, context.epoch, make(given), name=context.name)
+        return ApprovalService([service])
+
+    return ApprovalPlugin(params, serve, about, policy=make)

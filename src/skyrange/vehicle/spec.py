@@ -1,11 +1,17 @@
-"""What does an autopilot need to know of an aircraft before the run? The same for every kind of engine."""
+"""Autopilots as plugins: what an engine is told of its aircraft and of the range when it is made."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
+from skyrange.agent.contracts import Engine
+from skyrange.agent.plugins import AUTOPILOTS, Plugin
 from skyrange.codec.signing import SigningKey
+from skyrange.core.chance import Chance
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import Epoch
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,3 +32,37 @@ class VehicleSpec:
     network: int = 0
     wind_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
     signing_key: SigningKey | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotContext:
+    """What the scenario tells an engine that it makes: one engine flies all aircraft of its kind."""
+
+    name: str
+    """The engine's name: its kind."""
+    specs: Sequence[VehicleSpec]
+    """Its aircraft, in the order of its rows."""
+    origin: Origin
+    epoch: Epoch
+    chance: Chance
+    motion: bool = False
+    """The command line's word that vehicles outside the range may be moved (`--allow-motion`)."""
+
+
+def _opens_none(params: Any, count: int) -> Sequence[int]:
+    return ()
+
+
+@dataclass(frozen=True, slots=True)
+class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
+    """A kind of autopilot."""
+
+    group: ClassVar[str] = AUTOPILOTS
+
+    program: bool = False
+    """Whether its engines run programs or reach for them, so that they use processes, sockets or files and cannot be
+    copied."""
+    signs: bool = False
+    """Whether they obey `VehicleSpec.signing_key`."""
+    opened_ports: Callable[[Any, int], Sequence[int]] = _opens_none
+    """`opened_ports(params, count)`: the ports where that many aircraft obey whoever connects; of each one, or none."""

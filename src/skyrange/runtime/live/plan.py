@@ -15,7 +15,7 @@ from typing import Final, Literal
 
 from skyrange.agent.links import LinkSpec
 from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.core.ids import owner_of
+from skyrange.core.ids import APPROVAL, owner_of
 from skyrange.vehicle.onboard import ORACLE
 
 WORLD: Final = "world"
@@ -110,6 +110,8 @@ def plan(
 
 def component_of(endpoint: str) -> str:
     """The component of an endpoint: itself, or the world."""
+    if endpoint.startswith(f"{APPROVAL}."):  # one of several agents of the approval
+        return APPROVAL
     role = endpoint.rpartition(".")[2]
     return endpoint if role in ("gcs", "companion", "proxy", "approval") else WORLD
 

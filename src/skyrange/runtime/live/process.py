@@ -83,6 +83,7 @@ async def _serve(orders: Orders, phone: Phone, rig: Rig, part: Path) -> int:
         for task in tasks:
             task.cancel()
         node.close()
+        rig.close()
         facts = {"node": {**told, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
         recorder.close(status, facts, in_spool=True)  # its rows are soon those of the whole
     await phone.tell("done", status=status, **node.status)

@@ -1,38 +1,31 @@
-"""Which engine flies the ArduPilots of a scenario? That of the physics which its options name."""
+"""The autopilot `ardupilot`: its plugin, and the engine of the physics that its options name."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
-from skyrange.core.chance import Chance
-from skyrange.core.geodesy import Origin
-from skyrange.core.time import Epoch
 from skyrange.vehicle.ardupilot.fleet import Fleet
 from skyrange.vehicle.ardupilot.lockstep import LockstepFleet
 from skyrange.vehicle.ardupilot.native import NativeFleet
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin
 
 
-class _Factory:
-    options = Options
-    signs = True
-    """They obey `VehicleSpec.signing_key`."""
-
-    def __call__(
-        self,
-        name: str,
-        specs: Sequence[VehicleSpec],
-        origin: Origin,
-        epoch: Epoch,
-        chance: Chance,
-        options: Options | None = None,
-    ) -> Fleet:
-        options = options or Options()
-        kind = NativeFleet if options.physics == "native" else LockstepFleet
-        return kind(name, specs, origin, epoch, options)
+def _make(options: Options, context: AutopilotContext) -> Fleet:
+    kind = NativeFleet if options.physics == "native" else LockstepFleet
+    return kind(context.name, context.specs, context.origin, context.epoch, options)
 
 
-ArduPilotFleet: Final = _Factory()
-"""What is registered as the autopilot `ardupilot`. Raises `InputError` as `Fleet` does."""
+def _opened_ports(options: Options, count: int) -> Sequence[int]:
+    return options.opened(count)
+
+
+ARDUPILOT = AutopilotPlugin(
+    Options,
+    _make,
+    "Flies ArduPilot's own ArduCopter, a program for each aircraft.",
+    program=True,
+    signs=True,
+    opened_ports=_opened_ports,
+)
+"""The autopilot `ardupilot`. Raises `InputError` as `Fleet` does."""

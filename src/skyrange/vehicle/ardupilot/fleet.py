@@ -106,7 +106,7 @@ class Fleet(EngineBase, ABC):
         Raises `InputError` where there is no binary or a parameter is wrong.
         """
         self.name = name
-        self.vehicles = [spec.vehicle for spec in specs]
+        self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
         self.binary = find()
         self._options = options
         self._listed = parameters_of(self.binary.path, self.binary.sha256)
@@ -115,7 +115,7 @@ class Fleet(EngineBase, ABC):
             self.repeatable = "outcome"  # who connects, and when, no seed says
         self._specs = tuple(specs)
         self._origin, self._epoch = origin, epoch
-        self.ports = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
+        self.ports: Sequence[Port] = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._receivers = Receivers(len(specs), origin, epoch)
         self._check()

@@ -1,1 +1,1 @@
-"""What does an aircraft do about another one that it hears? Kinds of avoidance, all by one contract."""
+"""Avoidance: what an aircraft does about others that it hears, by kinds of one contract."""

@@ -1,4 +1,4 @@
-"""Who is on a conflict course? When one moving aircraft enters the cylinder around another.
+"""Conflict detection: when a moving aircraft enters the cylinder around another.
 
 Both fly straight on. In the plane |r + v·t| < R is a quadratic in t, upwards |z + w·t| < H is linear; a conflict is
 where both hold (a cylinder as in the well-clear volumes of RTCA DO-365 and NASA's DAIDALUS, by distance alone). Who

@@ -1,22 +1,25 @@
-"""What is asked of an avoidance, and what does it answer? Own state, tracks and what goes on → a decision.
+"""Avoidance as plugins: own state, tracks and the episode under way → a decision.
 
 An avoidance is a plain object: `decide` is a pure function, and what must outlive a call (an `Episode`) is handed in
-and handed back. Kinds are plugins of `skyrange.avoidance`, made by `factory(city, limits)`: the city, or None for open
-country, and a `Limits`.
+and handed back. Kinds are plugins of `skyrange.avoidance`; their parameters are `Limits`, or a subclass with more.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from skyrange.agent.plugins import AVOIDANCE, Plugin
 from skyrange.agent.settings import Number, Params
 from skyrange.core.time import NEVER, Time
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
 
 Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -148,3 +151,18 @@ class Avoidance(Protocol):
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
         """What to do now. Called several times a second while there is a conflict or an episode."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class AvoidanceContext:
+    """What the scenario tells an avoidance that it makes."""
+
+    city: City | None = None
+    """The buildings; None for open country."""
+
+
+@dataclass(frozen=True, slots=True)
+class AvoidancePlugin(Plugin[AvoidanceContext, Avoidance]):
+    """A kind of avoidance."""
+
+    group: ClassVar[str] = AVOIDANCE

@@ -1,4 +1,4 @@
-"""When does an avoidance begin, when is it over, and how long may it last? The same for every kind.
+"""Episodes of avoidance: when one begins, when it is over, how long it may last. The same for every kind.
 
 A kind says where to go; this says when. It begins with a conflict. The mission is resumed once the straight way to the
 goal has been clear of walls and, by a margin, of others for a while: entering and leaving have different

@@ -1,4 +1,4 @@
-"""What if an aircraft flies to a safe waypoint, and then on with its mission? The published behaviour.
+"""Geometric avoidance: a safe waypoint, then on with the mission. The published behaviour.
 
 A track on a conflict course yields a waypoint at once: the first bend of the shortest way to the goal that keeps clear
 of walls and of everybody heard. Passing on the right is preferred, so that two who meet head-on and do alike
@@ -11,7 +11,7 @@ import math
 
 from skyrange.core.time import Time
 from skyrange.vehicle.avoidance.conflicts import in_the_way, towards
-from skyrange.vehicle.avoidance.contract import Episode, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import AvoidancePlugin, Episode, Limits, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.episodes import Episodic
 from skyrange.vehicle.avoidance.walls import straight
 from skyrange.vehicle.avoidance.ways import first_place
@@ -40,3 +40,10 @@ class Geometric(Episodic):
         within_s = min(takes_s, self.limits.look_ahead_s)
         found = in_the_way(own.pos_enu_m, velocity, tracks, self.limits, 1.0, within_s, within_s)
         return not found and straight(self.walls, own.pos_enu_m, place, self.limits.wall_m)
+
+
+GEOMETRIC = AvoidancePlugin(
+    Limits,
+    lambda limits, context: Geometric(context.city, limits),
+    "Flies the shortest way to its goal that keeps clear of others and of walls.",
+)

@@ -1,10 +1,10 @@
-"""What if an aircraft listens and does nothing? The mission is flown, whoever is in the way."""
+"""No avoidance: the mission is flown, whoever is in the way."""
 
 from __future__ import annotations
 
 from skyrange.city.city import City
 from skyrange.core.time import Time
-from skyrange.vehicle.avoidance.contract import KEEP, Decision, Episode, Limits, Own, Tracks
+from skyrange.vehicle.avoidance.contract import KEEP, AvoidancePlugin, Decision, Episode, Limits, Own, Tracks
 
 
 class NoAvoidance:
@@ -19,3 +19,8 @@ class NoAvoidance:
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
         """KEEP, always."""
         return KEEP
+
+
+NONE = AvoidancePlugin(
+    Limits, lambda limits, context: NoAvoidance(context.city, limits), "Listens, and does nothing about others."
+)

@@ -1,4 +1,4 @@
-"""What if everybody who hears takes half of the way round? Optimal reciprocal collision avoidance (van den Berg 2011).
+"""Optimal reciprocal collision avoidance (van den Berg 2011): everybody who hears takes half of the way round.
 
 J. van den Berg, S. Guy, M. Lin, D. Manocha, "Reciprocal n-body collision avoidance", Robotics Research (ISRR 2009),
 by its authors' RVO2 library through pyrvo (an optional dependency), in the plane. The velocity it finds is
@@ -16,7 +16,7 @@ from skyrange.city.city import City
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import Time
 from skyrange.vehicle.avoidance.conflicts import towards
-from skyrange.vehicle.avoidance.contract import Episode, Limits, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import AvoidancePlugin, Episode, Limits, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.episodes import Episodic
 from skyrange.vehicle.avoidance.walls import nearby, straight
 
@@ -77,6 +77,13 @@ class Orca(Episodic):
             for x0, y0, x1, y1 in walls.edges[walls.first[b] : walls.first[b + 1]].tolist():
                 sim.add_obstacle([(x0, y0), (x1, y1)])
         sim.process_obstacles()
+
+
+ORCA = AvoidancePlugin(
+    Limits,
+    lambda limits, context: Orca(context.city, limits),
+    "Flies the velocity of optimal reciprocal collision avoidance; needs pyrvo.",
+)
 
 
 def _library() -> Any:

@@ -1,4 +1,4 @@
-"""What if an aircraft stops for whoever is in its way? It holds until the way is clear, and goes home at last.
+"""Avoidance by stopping: the aircraft holds until the way is clear, and at last returns home.
 
 Two that stop for each other wait until one of them gives up: stopping alone resolves no head-on encounter.
 """
@@ -6,7 +6,7 @@ Two that stop for each other wait until one of them gives up: stopping alone res
 from __future__ import annotations
 
 from skyrange.core.time import Time
-from skyrange.vehicle.avoidance.contract import Episode, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import AvoidancePlugin, Episode, Limits, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.episodes import Episodic
 
 
@@ -18,3 +18,10 @@ class Stop(Episodic):
     def way(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
         """Nowhere."""
         return None
+
+
+STOP = AvoidancePlugin(
+    Limits,
+    lambda limits, context: Stop(context.city, limits),
+    "Holds until the way is clear, and returns home at last.",
+)

@@ -1,4 +1,4 @@
-"""May one fly straight from here to there, and where are the corners to fly around? Questions to a city's walls."""
+"""Wall queries: whether a straight leg is clear of buildings, and the corners to fly around."""
 
 from __future__ import annotations
 

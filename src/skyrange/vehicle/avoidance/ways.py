@@ -1,4 +1,4 @@
-"""Which way leads past others to the goal, and around what is built? Shortest paths over a few chosen places.
+"""Path search for avoidance: the shortest open path over a few chosen places, past others and around buildings.
 
 The places: along the mission's own leg beyond the trouble, a fan around oneself, rings around those that stand, and
 the corners of buildings (the shortest path among polygons bends at their corners only: Lozano-Pérez & Wesley, CACM

@@ -15,6 +15,7 @@ import numpy as np
 
 from skyrange.agent.contracts import EngineBase, Finished, Sensors
 from skyrange.agent.messages import Arrival, Inbox, Outbox
+from skyrange.agent.plugins import NoParams
 from skyrange.codec.mavlink import decode, dialect
 from skyrange.codec.numbering import RowPacker
 from skyrange.codec.signed_mail import Connection, SignedMail
@@ -51,7 +52,7 @@ from skyrange.vehicle.builtin.parameters import PARAMETERS, SETTINGS, fill
 from skyrange.vehicle.builtin.telemetry import streams, timesync
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
 from skyrange.vehicle.builtin.tuning import Tuning
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 QUANTUM_S = 0.0025
@@ -102,8 +103,6 @@ class BuiltinFleet(EngineBase):
     repeatable: Literal["bytes", "outcome"] = "bytes"
     preroll_ns: Time = 0
     moves: Sequence[str] = ()
-    signs = True
-    """It obeys `VehicleSpec.signing_key`."""
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> None:
         """Build the fleet, standing disarmed in STABILIZE. Chance only sets when within a second each one reports.
@@ -111,7 +110,7 @@ class BuiltinFleet(EngineBase):
         Raises `InputError` for an empty fleet, a system id outside 1…250, an unknown airframe or bad parameters.
         """
         self.name = name
-        self.vehicles = [spec.vehicle for spec in specs]
+        self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
         _check(name, specs)
         count = len(specs)
         estimate, flight = zeros(ESTIMATE, count), zeros(FLIGHT, count)
@@ -127,7 +126,7 @@ class BuiltinFleet(EngineBase):
             estimate["pos"][row] = spec.home_enu_m
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1
-        self.ports = [craft.port for craft in crafts]
+        self.ports: Sequence[Port] = [craft.port for craft in crafts]
         self._places = {craft.port: craft.row for craft in crafts}
         signed = [
             Connection(craft.id, spec.signing_key, craft.port, craft.port)
@@ -335,3 +334,11 @@ def _check(name: str, specs: Sequence[VehicleSpec]) -> None:
             faults.append(Fault(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
     if faults:
         raise InputError(f"builtin autopilot {name}", faults)
+
+
+def _make(params: NoParams, context: AutopilotContext) -> BuiltinFleet:
+    return BuiltinFleet(context.name, context.specs, context.origin, context.epoch, context.chance)
+
+
+BUILTIN = AutopilotPlugin(NoParams, _make, "Flies as ArduCopter does, by the range's own code.", signs=True)
+"""The autopilot `builtin`. Raises `InputError` as `BuiltinFleet` does."""

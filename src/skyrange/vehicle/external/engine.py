@@ -14,17 +14,16 @@ import numpy as np
 
 from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors, Source
 from skyrange.agent.messages import Inbox, Outbox
-from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
-from skyrange.core.time import NS_PER_S, Epoch, Time, ceil_to
+from skyrange.core.time import NS_PER_S, Time, ceil_to
 from skyrange.io.sitl import wall_s
 from skyrange.io.wires import rest, wire_to
 from skyrange.vehicle.ardupilot.truth import Truth
 from skyrange.vehicle.external.contact import Contact
 from skyrange.vehicle.external.options import Options
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world.airframes import MOTORS
 
 QUANTUM_NS: Final[Time] = 2_500_000
@@ -50,9 +49,9 @@ class External(EngineBase):
     ) -> None:
         """Connects nobody yet. Raises `InputError` for vehicles that `options` does not reach, or that are none."""
         self.name = name
-        self.vehicles = [spec.vehicle for spec in specs]
-        self.moves = self.vehicles
-        self.ports = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
+        self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
+        self.moves: Sequence[str] = self.vehicles
+        self.ports: Sequence[Port] = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
         self.preroll_ns: Time = ceil_to(round(options.boot_s * NS_PER_S), QUANTUM_NS)
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._origin = origin
@@ -138,24 +137,14 @@ class External(EngineBase):
             one.wire.close()
 
 
-class _Factory:
-    options = Options
-    guards_motion = True
-    """It takes the command line's word on motion, as keyword `motion`."""
-
-    def __call__(
-        self,
-        name: str,
-        specs: Sequence[VehicleSpec],
-        origin: Origin,
-        epoch: Epoch,
-        chance: Chance,
-        options: Options | None = None,
-        *,
-        motion: bool = False,
-    ) -> External:
-        return External(name, specs, origin, options or Options(), motion)
+def _make(options: Options, context: AutopilotContext) -> External:
+    return External(context.name, context.specs, context.origin, options, context.motion)
 
 
-ExternalFleet: Final = _Factory()
-"""What is registered as the autopilot `external`. Raises `InputError` as `External` does."""
+EXTERNAL = AutopilotPlugin(
+    Options,
+    _make,
+    "Connects to vehicles that the range did not start: real ones, or foreign simulations.",
+    program=True,
+)
+"""The autopilot `external`. Raises `InputError` as `External` does."""

@@ -1,0 +1,37 @@
+"""Detectors as plugins: what one is told when it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from skyrange.agent.monitors import Monitor
+from skyrange.agent.plugins import DETECTORS, Plugin
+
+if TYPE_CHECKING:
+    from skyrange.core.chance import Chance
+    from skyrange.core.geodesy import Origin
+    from skyrange.core.time import Epoch
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorContext:
+    """What the scenario tells a detector that it makes. Whether there is an attack is not in it."""
+
+    id: str
+    """The detector's id, unique among the detectors of the scenario."""
+    links: Sequence[str]
+    """The names of the links that it listens to, in the range's order."""
+    vehicles: Sequence[str]
+    """Every vehicle id of the scenario (`blue/b1`), in order."""
+    origin: Origin
+    epoch: Epoch
+    chance: Chance
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorPlugin(Plugin[DetectorContext, Monitor]):
+    """A kind of detector. `make` returns a monitor."""
+
+    group: ClassVar[str] = DETECTORS

@@ -1,0 +1,244 @@
+"""Contracts for plugin authors: every protocol, and every type of value that crosses one.
+
+What is exported here is public; the modules that it comes from are private and may change. How to use it: the guide
+`docs/how-to/write-a-plugin.md`. `skyrange.testing` checks that a plugin keeps its contract.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skyrange.core.lazy_exports import export_lazily
+
+if TYPE_CHECKING:
+    from skyrange.agent.air import (
+        ANY_CHANNEL,
+        EmitterTable,
+        Heard,
+        Listening,
+        Medium,
+        OnAir,
+        RadioSpec,
+        RadioTable,
+        Sent,
+        Turn,
+        TxBatch,
+        Waveform,
+    )
+    from skyrange.agent.air import Fate as TransmissionFate
+    from skyrange.agent.air import Outcome as ReceptionOutcome
+    from skyrange.agent.blocks import FrameBlock
+    from skyrange.agent.contracts import (
+        Agent,
+        Engine,
+        EngineBase,
+        Finished,
+        InstanceStatus,
+        Observer,
+        Poses,
+        SensorAct,
+        SensorFault,
+        Sensors,
+        Source,
+        Tap,
+        WallEngine,
+        World,
+    )
+    from skyrange.agent.detectors import DetectorContext, DetectorPlugin
+    from skyrange.agent.frames import Fate, Frame
+    from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
+    from skyrange.agent.monitors import Alert, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
+    from skyrange.agent.messages import Arrival, Departure, Inbox, Note, Outbox
+    from skyrange.agent.plugins import NoParams, Plugin, register
+    from skyrange.agent.settings import Enu, Number, Params, Whole, refuse
+    from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
+    from skyrange.attack.contract import Aircraft, Attack, Transmitter
+    from skyrange.attack.contract import AttackKind as AttackPlugin
+    from skyrange.attack.contract import Setting as AttackContext
+    from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
+    from skyrange.city.city import City
+    from skyrange.detect.receptions import read_receptions
+    from skyrange.detect.telemetry import read_messages
+    from skyrange.codec.f3411 import BasicId, Location, MessagePack
+    from skyrange.codec.f3411 import decode as decode_remote_id
+    from skyrange.codec.f3411 import encode as encode_remote_id
+    from skyrange.codec.f3411 import faults as find_remote_id_faults
+    from skyrange.codec.mavlink import Packer as MavlinkPacker
+    from skyrange.codec.mavlink import decode as decode_mavlink
+    from skyrange.codec.mavlink import dialect as mavlink
+    from skyrange.codec.mavlink import message_name as name_mavlink
+    from skyrange.core.chance import Chance
+    from skyrange.core.errors import ComponentError, DecodeError, Fault, InputError, SkyrangeError, nearest
+    from skyrange.core.geodesy import Origin
+    from skyrange.core.ids import FrameId, Port, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
+    from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
+    from skyrange.core.volumes import Volume4D
+    from skyrange.radio.contract import MediumContext, MediumPlugin
+    from skyrange.radio.surroundings import Surroundings
+    from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService, intent_id
+    from skyrange.utm.contract import Decision as ApprovalDecision
+    from skyrange.utm.contract import Intent as OperationalIntent
+    from skyrange.utm.messages import Request as ApprovalRequest
+    from skyrange.utm.messages import Response as ApprovalResponse
+    from skyrange.utm.messages import decode_request as decode_approval_request
+    from skyrange.utm.messages import decode_response as decode_approval_response
+    from skyrange.utm.messages import encode as encode_approval
+    from skyrange.utm.service import FlightApproval, policy_plugin
+    from skyrange.vehicle.avoidance.contract import Action as AvoidanceAction
+    from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext, AvoidancePlugin, Episode, Own, Tracks
+    from skyrange.vehicle.avoidance.contract import Decision as AvoidanceDecision
+    from skyrange.vehicle.avoidance.contract import Limits as AvoidanceLimits
+    from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
+    from skyrange.world.airframes import AIRFRAMES, Airframe
+
+__all__ = [
+    "AIRFRAMES",
+    "ANY_CHANNEL",
+    "NEVER",
+    "NS_PER_MS",
+    "NS_PER_S",
+    "NS_PER_US",
+    "Agent",
+    "Aircraft",
+    "Airframe",
+    "Alert",
+    "ApprovalContext",
+    "ApprovalDecision",
+    "ApprovalPlugin",
+    "ApprovalPolicy",
+    "ApprovalRequest",
+    "ApprovalResponse",
+    "ApprovalService",
+    "Arrival",
+    "Attack",
+    "AttackContext",
+    "AttackPlan",
+    "AttackPlugin",
+    "AutopilotContext",
+    "AutopilotPlugin",
+    "Avoidance",
+    "AvoidanceAction",
+    "AvoidanceContext",
+    "AvoidanceDecision",
+    "AvoidanceLimits",
+    "AvoidancePlugin",
+    "BasicId",
+    "Broadcaster",
+    "Chance",
+    "Channel",
+    "City",
+    "ComponentError",
+    "DecodeError",
+    "Delay",
+    "Departure",
+    "DetectorContext",
+    "DetectorPlugin",
+    "Drop",
+    "EmitterTable",
+    "Engine",
+    "EngineBase",
+    "Enu",
+    "Episode",
+    "Epoch",
+    "Fate",
+    "Fault",
+    "Finished",
+    "FlightApproval",
+    "Frame",
+    "FrameBlock",
+    "FrameId",
+    "Heard",
+    "Inbox",
+    "Inject",
+    "InputError",
+    "InstanceStatus",
+    "Label",
+    "LinkSpec",
+    "Listening",
+    "Location",
+    "MavlinkPacker",
+    "Medium",
+    "MediumContext",
+    "MediumPlugin",
+    "MessagePack",
+    "Monitor",
+    "MonitorPlacement",
+    "NoParams",
+    "Note",
+    "Number",
+    "ObservedFrame",
+    "ObservedFrames",
+    "Observer",
+    "OnAir",
+    "OperationalIntent",
+    "Origin",
+    "Outbox",
+    "Own",
+    "Params",
+    "Pass",
+    "Plugin",
+    "Port",
+    "Poses",
+    "RadioSpec",
+    "RadioTable",
+    "ReceptionOutcome",
+    "Replace",
+    "Route",
+    "Schedule",
+    "SensorAct",
+    "SensorFault",
+    "Sensors",
+    "Sent",
+    "SkyrangeError",
+    "Source",
+    "Surroundings",
+    "Tap",
+    "TapPlacement",
+    "Time",
+    "Tracks",
+    "TransmissionFate",
+    "Transmitter",
+    "Turn",
+    "TxBatch",
+    "VehicleSpec",
+    "Verdict",
+    "Volume4D",
+    "WallEngine",
+    "Waveform",
+    "Whole",
+    "World",
+    "decode_approval_request",
+    "decode_approval_response",
+    "decode_mavlink",
+    "decode_remote_id",
+    "down_link",
+    "encode_approval",
+    "encode_remote_id",
+    "endpoint",
+    "find_remote_id_faults",
+    "from_seconds",
+    "hash64",
+    "intent_id",
+    "link_name",
+    "mavlink",
+    "name_mavlink",
+    "nearest",
+    "operator_of",
+    "owner_of",
+    "policy_plugin",
+    "read_messages",
+    "read_receptions",
+    "refuse",
+    "register",
+    "to_seconds",
+    "transmitter",
+    "up_link",
+    "vehicle_id",
+]
+
+if not TYPE_CHECKING:
+    __getattr__ = export_lazily(__name__)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,51 @@
+"""Radio media as plugins: what one is told when it is made, and the builtin medium."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from skyrange.agent.air import Medium, RadioSpec
+from skyrange.agent.plugins import MEDIA, NoParams, Plugin
+from skyrange.radio.surroundings import OPEN_AIR, Surroundings
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
+    from skyrange.core.chance import Chance
+
+
+@dataclass(frozen=True, slots=True)
+class MediumContext:
+    """What the scenario tells a medium that it makes: `[radio]`, whatever its engine is."""
+
+    radios: Sequence[RadioSpec]
+    """Every radio, in no particular order."""
+    chance: Chance
+    city: City | None = None
+    """The buildings, if there are any."""
+    surroundings: Surroundings = OPEN_AIR
+    every_pair: bool = False
+    """Whether `Heard` has to tell of frames that were not decoded, too."""
+
+
+@dataclass(frozen=True, slots=True)
+class MediumPlugin(Plugin[MediumContext, Medium]):
+    """A kind of radio medium."""
+
+    group: ClassVar[str] = MEDIA
+
+    program: bool = False
+    """Whether its media are programs, which use processes, sockets or files, and cannot be copied."""
+
+
+def _make_builtin(params: NoParams, context: MediumContext) -> Medium:
+    from skyrange.radio.medium import BuiltinMedium  # slow to import, and a scenario's check does not need it
+
+    return BuiltinMedium(
+        context.radios, context.chance, context.city, context.surroundings, every_pair=context.every_pair
+    )
+
+
+BUILTIN = MediumPlugin(NoParams, _make_builtin, "2.4 GHz Wi-Fi and Bluetooth among buildings, frame by frame.")
+"""The medium `builtin`. Raises `InputError` as `BuiltinMedium` does."""

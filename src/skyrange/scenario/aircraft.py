@@ -1,0 +1,61 @@
+"""Aircraft of a scenario: the world with their bodies, and the engines that fly them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from skyrange.city.city import City
+from skyrange.core.chance import Chance
+from skyrange.core.ids import vehicle_id
+from skyrange.kernel import EngineMount
+from skyrange.scenario.schema import Scenario
+from skyrange.scenario.signing import derive_keys
+from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
+from skyrange.world import Body, SensorSpec, World
+from skyrange.world.magnetism import field_at
+
+
+def build_aircraft(
+    scenario: Scenario, city: City | None, chance: Chance, motion: bool
+) -> tuple[World, list[EngineMount]]:
+    """The world, and an engine for each kind of autopilot with the rows of its aircraft. Raises `InputError`.
+
+    `motion` is the command line's word that vehicles outside the range may be moved.
+    """
+    bodies = []
+    specs: dict[str, list[tuple[int, VehicleSpec]]] = {}
+    for row, (operator, vehicle) in enumerate(scenario.fleet):
+        key = vehicle_id(operator.id, vehicle.id)
+        start = vehicle.start
+        bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg, vehicle.charge))
+        spec = VehicleSpec(
+            vehicle=key,
+            system_id=vehicle.system_id,
+            network=vehicle.network,
+            airframe=vehicle.airframe,
+            home_enu_m=(start.east_m, start.north_m, 0.0),
+            heading_deg=start.heading_deg,
+            params=dict(vehicle.params),
+            wind_enu_mps=scenario.wind.air.steady_enu_mps,
+            signing_key=derive_keys(scenario, operator).aircraft,
+        )
+        specs.setdefault(vehicle.autopilot, []).append((row, spec))
+    datum = scenario.origin.datum
+    sensors = SensorSpec(scenario.sensors.noise, field_at(datum), chance)
+    world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
+    mounts = []
+    for kind, members in specs.items():
+        rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
+        if len(members) == len(bodies):
+            rows = slice(None)  # views instead of copies
+        context = AutopilotContext(kind, [spec for _, spec in members], datum, scenario.epoch, chance, motion)
+        mounts.append(EngineMount(AutopilotPlugin.find(kind)(scenario.autopilots.params_of(kind), context), rows))
+    return world, mounts
+
+
+def engines_told(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
+    """What the manifest says of the autopilots' engines, with the program that each runs, if it is one."""
+    return [{"kind": mount.engine.name, **getattr(mount.engine, "manifest", {})} for mount in mounts]

@@ -1,0 +1,49 @@
+"""Flight approvals of a scenario: one service for each kind, with the links that it brings along."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from skyrange.agent.links import LinkSpec
+from skyrange.city.city import City
+from skyrange.core.chance import Chance
+from skyrange.core.errors import ComponentError, Fault, InputError
+from skyrange.core.ids import APPROVAL
+from skyrange.scenario.network import apply_link_rules
+from skyrange.scenario.schema import Scenario
+from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
+
+
+def build_approvals(scenario: Scenario, city: City | None) -> list[ApprovalService]:
+    """The services, in the order in which operators name them; their links with the channels of the scenario's rules.
+
+    Raises `InputError` for parameters that do not fit the scenario, and `ComponentError` for a service that leaves an
+    operator without an agent.
+    """
+    kinds: dict[str, list[str]] = {}
+    for operator in scenario.operators:
+        kinds.setdefault(operator.approval, []).append(operator.id)
+    services = []
+    for kind, operators in kinds.items():
+        context = ApprovalContext(
+            f"{APPROVAL}.{kind}", operators, scenario.origin.datum, scenario.epoch, Chance(scenario.seed), city
+        )
+        try:
+            service = ApprovalPlugin.find(kind)(scenario.approval_params(kind), context)
+        except InputError as error:
+            faults = [Fault(f"approvals.{kind}.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+            raise InputError(f"scenario {scenario.name}", faults) from error
+        _check_ports(service, context)
+        links: Sequence[LinkSpec] = [apply_link_rules(scenario, spec) for spec in service.links]
+        services.append(replace(service, links=links))
+    return services
+
+
+def _check_ports(service: ApprovalService, context: ApprovalContext) -> None:
+    served = [port for agent in service.agents for port in agent.ports]
+    for operator in context.operators:
+        count = served.count(context.port(operator))
+        if count != 1:
+            problem = f"{count} of its agents have the port {context.port(operator)}, one has to"
+            raise ComponentError(context.name, problem, "Use ApprovalContext.port")

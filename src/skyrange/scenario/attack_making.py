@@ -1,0 +1,136 @@
+"""Attacks of a scenario made: agents, taps, links, radios and sensor faults, and what is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+from skyrange.agent.links import AttackPlan, LinkSpec, Schedule, TapPlacement
+from skyrange.agent.settings import Params
+from skyrange.attack.contract import Aircraft, Attack, Place, Setting, Transmitter
+from skyrange.city.city import City
+from skyrange.core.chance import Chance
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.ids import owner_of, vehicle_id
+from skyrange.core.time import NEVER, from_seconds
+from skyrange.remoteid.profiles import serial_number
+from skyrange.scenario.air import RemoteId
+from skyrange.scenario.attacks import AttackTable
+from skyrange.scenario.radio_checks import check_place
+from skyrange.scenario.schema import Scenario
+
+
+@dataclass(slots=True)
+class MadeAttacks:
+    """All attacks of a scenario, made: what is added to its wiring, its medium and its manifest."""
+
+    plans: list[AttackPlan] = field(default_factory=list)
+    taps: list[TapPlacement] = field(default_factory=list)
+    links: list[LinkSpec] = field(default_factory=list)
+    radios: list[Transmitter] = field(default_factory=list)
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    """What the manifest says of each."""
+    faults: list[Fault] = field(default_factory=list)
+
+
+def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> Setting:
+    """What attacks are told; the id, schedule and sham of each are its own."""
+    vehicles = {}
+    for operator, vehicle in scenario.fleet:
+        key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
+        uas_id = (vehicle.remote_id or RemoteId()).uas_id or serial_number(key)
+        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id)
+    return Setting(
+        id="",
+        vehicles=vehicles,
+        links=[spec.name for spec in links],
+        origin=scenario.origin.datum,
+        epoch=scenario.epoch,
+        chance=Chance(scenario.seed),
+        duration_ns=from_seconds(scenario.duration_s),
+        schedule=Schedule(),
+        city=city,
+    )
+
+
+def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> MadeAttacks:
+    """Make every attack; what is wrong with them is in `faults`.
+
+    `setting` is that of all of them; id, schedule and sham are filled in for each.
+    """
+    made = MadeAttacks()
+    for attack in attacks:
+        own = replace(setting, id=attack.id, schedule=Schedule(), sham=attack.sham)
+        where = f"attacks.{attack.id}"
+        try:
+            found = attack.plugin(_anchored(attack, setting), own)
+        except InputError as error:
+            made.faults += [Fault(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+            continue
+        names = [*setting.links, *(spec.name for spec in found.links)]
+        for tap in found.taps:
+            if not any(fnmatchcase(name, tap.match) for name in names):
+                hint = nearest(tap.match, names)
+                made.faults.append(Fault(f"{where}.params", tap.match, "a link of the scenario", hint))
+        made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, setting)))
+        made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
+        made.links += found.links
+        made.radios += found.radios
+        made.rows.append(_row(attack, found))
+    return made
+
+
+def _anchor(attack: AttackTable, setting: Setting) -> Place:
+    """Where its places count from."""
+    return (0.0, 0.0, 0.0) if attack.anchor is None else setting.vehicles[attack.anchor].start_enu_m
+
+
+def _from(anchor: Place, place: Place) -> Place:
+    return (anchor[0] + place[0], anchor[1] + place[1], anchor[2] + place[2])
+
+
+def _anchored(attack: AttackTable, setting: Setting) -> Params:
+    """Its parameters with places in metres from the origin."""
+    settings, anchor = attack.settings, _anchor(attack, setting)
+    places = {name: getattr(settings, name, None) for name in attack.plugin.places}
+    moved = {name: _from(anchor, place) for name, place in places.items() if place is not None}
+    return settings.model_copy(update=moved)
+
+
+def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) -> AttackPlan:
+    trigger = attack.when.trigger if attack.when is not None else None
+    if trigger is not None and trigger.place_enu_m is not None:
+        trigger = replace(trigger, place_enu_m=_from(anchor, trigger.place_enu_m))
+    return AttackPlan(
+        attack.id,
+        start_ns=from_seconds(attack.start_s),
+        stop_ns=NEVER if attack.stop_s is None else from_seconds(attack.stop_s),
+        muted=attack.muted,
+        agents=made.agents,
+        faults=made.faults,
+        trigger=trigger,
+        lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
+        schedule=schedule,
+    )
+
+
+def _row(attack: AttackTable, made: Attack) -> dict[str, Any]:
+    """An attack in the manifest: as declared, and what it touches."""
+    touches = [tap.match for tap in made.taps] + [spec.name for spec in made.links]
+    touches += ["medium"] if made.radios else []
+    touches += [f"sensors of {vehicle}" for fault in made.faults for vehicle in fault.vehicles]
+    return {
+        **attack.model_dump(exclude_none=True, mode="json"),
+        "touches": touches,
+        "technique": attack.plugin.technique,
+        "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m)} for radio in made.radios],
+        "shown": {name: list(place) for name, place in made.shown.items()},
+    }
+
+
+def check_transmitters(radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
+    """Attackers' radios where none can be."""
+    for radio in radios:
+        yield from check_place(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)

@@ -1,0 +1,46 @@
+"""Links and routes of a scenario: what every operator, aircraft and radio has, with the channels of its rules."""
+
+from __future__ import annotations
+
+from skyrange.agent.links import Channel, LinkSpec, Route
+from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
+from skyrange.core.time import NS_PER_MS
+from skyrange.radio.oracle import ENDPOINT
+from skyrange.scenario.schema import Scenario
+from skyrange.vehicle.onboard import air_links, routes
+from skyrange.vehicle.onboard import links as vehicle_links
+
+APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
+"""A web service some tens of milliseconds away."""
+ORACLE_CHANNEL = Channel(mode="reliable", latency_ns=NS_PER_MS)
+"""Run control and what ground receivers hear: a message queue within one computing centre."""
+
+
+def build_network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
+    """All links and routes, without those that attacks and approvals bring along."""
+    links: list[LinkSpec] = []
+    all_routes: list[Route] = []
+    for operator in scenario.operators:
+        station = endpoint(operator.id, "gcs")
+        name = link_name(APPROVAL, operator.id)
+        links.append(LinkSpec(name, station, APPROVAL, scenario.channel(name, APPROVAL_CHANNEL)))
+        for vehicle in operator.vehicles:
+            key = vehicle_id(operator.id, vehicle.id)
+            links += [apply_link_rules(scenario, spec) for spec in vehicle_links(key, operator.id)]
+            all_routes += routes(key)
+    return [*links, *_air_links(scenario)], all_routes
+
+
+def apply_link_rules(scenario: Scenario, spec: LinkSpec) -> LinkSpec:
+    """A link with the channel that the scenario's rules make of its own."""
+    return LinkSpec(spec.name, spec.a, spec.b, scenario.channel(spec.name, spec.channel))
+
+
+def _air_links(scenario: Scenario) -> list[LinkSpec]:
+    """The links to and from the oracle, without those of attackers."""
+    if scenario.radio is None:
+        return []
+    links = [spec for operator, v in scenario.fleet for spec in air_links(vehicle_id(operator.id, v.id))]
+    listeners = dict.fromkeys(receiver.operator for receiver in scenario.radio.receivers)
+    links += [LinkSpec(link_name("oracle", o), endpoint(o, "gcs"), ENDPOINT, ORACLE_CHANNEL) for o in listeners]
+    return [apply_link_rules(scenario, spec) for spec in links]

@@ -1,0 +1,76 @@
+"""Parameters of plugins in a scenario: checked by the plugin's own model, and described in the JSON Schema."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import AfterValidator, ValidationError
+
+from skyrange.agent.plugins import Plugin, find, kinds
+from skyrange.agent.settings import Params, refuse
+from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.scenario.base import wrong
+from skyrange.scenario.faults import explain_errors
+
+
+def known(group: str, what: str) -> AfterValidator:
+    """A check that a kind is one of a plugin group's; `what` names it in the fault."""
+
+    def check(kind: str) -> str:
+        offered = kinds(group)
+        if kind not in offered:
+            raise wrong(kind, f"{what} that is installed", nearest(kind, offered))
+        return kind
+
+    return AfterValidator(check)
+
+
+def params_of(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> Params:
+    """`given` as the parameters of a plugin. Raises InputError with every fault, at and below `where`."""
+    try:
+        return plugin.params.model_validate(given)
+    except ValidationError as error:
+        prefix = f"{where}." if where else ""
+        found = explain_errors(error, plugin.params, given)
+        faults = [Fault(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in found]
+        raise InputError("scenario", faults) from None
+
+
+def checked(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> Params:
+    """As `params_of`, for validators of a model: raises what they may raise."""
+    try:
+        return params_of(plugin, given, where)
+    except InputError as error:
+        raise refuse(*error.faults) from None
+
+
+def normalized(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> dict[str, Any]:
+    """`given` with every default of the plugin's parameters, as plain data. Raises as `checked`."""
+    return checked(plugin, given, where).model_dump(exclude_none=True)
+
+
+def describe_by_kind(schema: dict[str, Any], table: dict[str, Any], group: str, selector: str = "kind") -> None:
+    """In a JSON Schema: the `params` of `table` are those of the plugin of `group` that its `selector` names."""
+    table["properties"][selector]["examples"] = list(kinds(group))
+    table["allOf"] = [
+        {
+            "if": {"properties": {selector: {"const": kind}}, "required": [selector]},
+            "then": {"properties": {"params": describe(schema, group, kind)}},
+        }
+        for kind in kinds(group)
+    ]
+
+
+def describe(schema: dict[str, Any], group: str, kind: str) -> dict[str, Any]:
+    """A reference to the parameters of a plugin, which are added to a JSON Schema's definitions."""
+    name = definition_of(group, kind)
+    params = find(group, kind).params.model_json_schema(mode="validation", ref_template=f"#/$defs/{name}.{{model}}")
+    schema["$defs"].update({f"{name}.{below}": model for below, model in params.pop("$defs", {}).items()})
+    schema["$defs"][name] = params
+    return {"$ref": f"#/$defs/{name}"}
+
+
+def definition_of(group: str, kind: str) -> str:
+    """The name of a plugin's parameters among a JSON Schema's definitions: `attacks.remote_id.spoof`."""
+    return f"{group.rpartition('.')[2]}.{kind}"

@@ -1,0 +1,89 @@
+"""Header of a run: what the manifest and the folder say of a scenario before it is flown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from skyrange.agent.links import LinkSpec
+from skyrange.city.city import City
+from skyrange.codec.missions import format_waypoints
+from skyrange.core.ids import vehicle_id
+from skyrange.gcs.plans import FlightPlan
+from skyrange.scenario.emit import to_toml
+from skyrange.scenario.schema import Scenario
+
+
+def make_header(
+    scenario: Scenario, city: City | None, links: list[LinkSpec], plans: Mapping[str, FlightPlan]
+) -> dict[str, Any]:
+    """The manifest's part that follows from the scenario, its links and its flight plans."""
+    colors = {operator.id: operator.color for operator in scenario.operators}
+    return {
+        "name": scenario.name,
+        "seed": scenario.seed,
+        "start_utc": scenario.epoch.iso(0),
+        "start_unix_ns": scenario.epoch.unix_ns,
+        "duration_s": scenario.duration_s,
+        "origin": {
+            "lat_deg": scenario.origin.lat,
+            "lon_deg": scenario.origin.lon,
+            "alt_msl_m": scenario.origin.alt_msl_m,
+            "geoid_m": scenario.origin.geoid_m,
+        },
+        "operators": [
+            {"id": operator.id, "color": operator.color, "approval": operator.approval}
+            for operator in scenario.operators
+        ],
+        "vehicles": [
+            {
+                "id": vehicle_id(operator.id, vehicle.id),
+                "operator": operator.id,
+                "color": colors[operator.id],
+                "autopilot": vehicle.autopilot,
+                "airframe": vehicle.airframe,
+                "network": vehicle.network,
+                "system_id": vehicle.system_id,
+                "home_enu_m": [vehicle.start.east_m, vehicle.start.north_m, 0.0],
+                "plan": plans[vehicle_id(operator.id, vehicle.id)].name,
+            }
+            for operator, vehicle in scenario.fleet
+        ],
+        "links": [
+            {
+                "name": spec.name,
+                "a": spec.a,
+                "b": spec.b,
+                "channel": {name: getattr(spec.channel, name) for name in spec.channel.__slots__},
+            }
+            for spec in links
+        ],
+        "receivers": [
+            {"id": receiver.id, "operator": receiver.operator, "kind": receiver.kind, "at_enu_m": list(receiver.place)}
+            for receiver in (scenario.radio.receivers if scenario.radio is not None else ())
+        ],
+        "city": {"source": city.source, "buildings": len(city.buildings)} if city is not None else None,
+    }
+
+
+def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
+    """The scenario with all files it names, so that the folder alone repeats the run, and what was flown of them."""
+    copies: dict[str, str] = {}
+    files: dict[str, bytes] = {}
+    for _, vehicle in scenario.fleet:
+        given = vehicle.plan.file
+        if given is not None and given not in copies:
+            copies[given] = f"missions/given/{len(copies) + 1}-{Path(given).name}"
+            files[copies[given]] = Path(given).read_bytes()
+    if scenario.city is not None and scenario.city.buildings is not None:
+        copies[scenario.city.buildings] = "city.geojson"
+        files["city.geojson"] = Path(scenario.city.buildings).read_bytes()
+    files["scenario.toml"] = to_toml(scenario, copies).encode()
+    if city is not None:
+        files["city.json"] = json.dumps(city.to_json_rows(), separators=(",", ":")).encode()
+    for name, plan in plans.items():
+        if plan.mission is not None:
+            files[f"missions/{name.replace('/', '-')}.waypoints"] = format_waypoints(plan.mission).encode()
+    return files

@@ -1,0 +1,59 @@
+"""The public modules: what they export is there, typed where it stands, and imported on first use."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from skyrange.core.lazy_exports import exports_of
+from tests.unit.test_startup import HEAVY
+
+FACADE = ("skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.testing")
+
+
+@pytest.mark.parametrize("name", FACADE)
+def test_what_is_listed_is_exported_and_nothing_else(name: str) -> None:
+    module = importlib.import_module(name)
+    public = [one for one in module.__all__ if not one.startswith("_")]
+    assert sorted(exports_of(name)) == sorted(public)
+    assert dir(module) == sorted(module.__all__)
+    for one in public:
+        home, original = exports_of(name)[one]
+        assert getattr(module, one) is getattr(importlib.import_module(home), original)
+    with pytest.raises(AttributeError, match=f"module '{name}' has no attribute 'nothing'"):
+        _ = module.nothing
+
+
+@pytest.mark.parametrize("name", FACADE)
+def test_nothing_heavy_is_imported_before_it_is_used(name: str) -> None:
+    code = f"import {name}\nimport sys\nprint([m for m in {HEAVY!r} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", FACADE)
+def test_a_type_checker_sees_each_name_and_no_getattr(name: str) -> None:
+    """Under TYPE_CHECKING all is imported by name, and no `__getattr__` makes an Any of what is not there."""
+    module = importlib.import_module(name)
+    assert module.__file__ is not None
+    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
+    assert not [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "__getattr__"]
+    conditions = [ast.unparse(node.test) for node in tree.body if isinstance(node, ast.If)]
+    assert conditions == ["TYPE_CHECKING", "not TYPE_CHECKING"]
+
+
+def test_the_facade_is_what_the_docs_say() -> None:
+    from tests.unit import test_docs
+
+    assert set(FACADE) == test_docs.FACADE
+    sys.path.insert(0, str(test_docs.DOCS))
+    try:
+        import public_api  # type: ignore[import-not-found]
+    finally:
+        sys.path.pop(0)
+    assert public_api.FACADE == FACADE
