@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from skyrange.agent.detectors import DetectorContext, DetectorPlugin
     from skyrange.agent.frames import Fate, Frame
     from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
-    from skyrange.agent.monitors import Alert, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
     from skyrange.agent.messages import Arrival, Departure, Inbox, Note, Outbox
+    from skyrange.agent.monitors import Alert, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
     from skyrange.agent.plugins import NoParams, Plugin, register
     from skyrange.agent.settings import Enu, Number, Params, Whole, refuse
     from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
@@ -57,8 +57,6 @@ if TYPE_CHECKING:
     from skyrange.attack.contract import Setting as AttackContext
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.city.city import City
-    from skyrange.detect.receptions import read_receptions
-    from skyrange.detect.telemetry import read_messages
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
     from skyrange.codec.f3411 import decode as decode_remote_id
     from skyrange.codec.f3411 import encode as encode_remote_id
@@ -73,6 +71,8 @@ if TYPE_CHECKING:
     from skyrange.core.ids import FrameId, Port, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
     from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
     from skyrange.core.volumes import Volume4D
+    from skyrange.detect.receptions import read_receptions
+    from skyrange.detect.telemetry import read_messages
     from skyrange.radio.contract import MediumContext, MediumPlugin
     from skyrange.radio.surroundings import Surroundings
     from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService, intent_id

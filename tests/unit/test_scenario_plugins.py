@@ -211,7 +211,9 @@ def test_detectors_are_made_with_the_links_that_they_listen_to() -> None:
     assert monitor.longer_s == 3.0
     assert list(monitor.context.vehicles) == ["blue/b1", "green/g1"]
     assert built.make() is not monitor
-    chosen = wire(load_text(text + 'links=["log:*", "approval:blue"]\nside="*"\nparams.longer_s=9\n')).wiring.monitors[0]
+    chosen = wire(load_text(text + 'links=["log:*", "approval:blue"]\nside="*"\nparams.longer_s=9\n')).wiring.monitors[
+        0
+    ]
     assert set(chosen.links) == {"approval:blue", "log:blue/b1", "log:green/g1"}
     assert (chosen.side, chosen.make().longer_s) == ("*", 9.0)
 

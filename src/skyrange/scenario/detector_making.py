@@ -17,7 +17,7 @@ from skyrange.scenario.schema import Scenario
 
 
 def build_detectors(scenario: Scenario, links: Sequence[LinkSpec]) -> list[MonitorPlacement]:
-    """Place the scenario's detectors, in order. Raises `InputError` for links, ends and parameters that do not fit it."""
+    """Place the scenario's detectors, in order. Raises `InputError` for links, ends and parameters that do not fit."""
     vehicles = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet]
     faults: list[Fault] = []
     built = []
