@@ -1,4 +1,4 @@
-"""What happened in a run, on one page that needs no network? See `write_report`."""
+"""Reports: a run, or a pair of runs, on one page that needs no network."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def write_report(record: Record, path: str | Path) -> Path:
     and both are said on the page. Raises `OSError` where `path` cannot be written; a half-written file never stands
     there.
     """
-    from skyrange.study.report.page import render
+    from skyrange.study.report.page import render_run
 
     target = Path(path)
-    page = render(record)
+    page = render_run(record)
     draft = target.with_name(target.name + ".part")
     try:
         draft.write_text(page, encoding="utf-8")
