@@ -7,7 +7,6 @@ much, from the same place at the same times, with benign content. Each arm is a 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
+from skyrange.core.files import atomic_write
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.catalogue import load as load_scenario
 from skyrange.scenario.schema import Scenario
@@ -82,7 +82,8 @@ def pair(
             for (arm, number), one in zip(flights, flown, strict=True)
         ],
     }
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    with atomic_write(folder / MANIFEST) as file:
+        file.write(f"{json.dumps(manifest, indent=2)}\n".encode())
     worst = max(flown, key=lambda one: one.code)
     if worst.code == ShortfallError.exit_code:
         raise ShortfallError(f"interrupted; what was flown is in {folder}", folder)
@@ -137,6 +138,5 @@ def _moment(row: Mapping[str, Any]) -> int:
 
 
 def _write(table: pa.Table, path: Path) -> None:
-    draft = path.with_name(path.name + ".part")
-    pq.write_table(table, draft)
-    os.replace(draft, path)
+    with atomic_write(path) as file:
+        pq.write_table(table, file)

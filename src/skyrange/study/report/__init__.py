@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from skyrange.core.files import atomic_write
+
 if TYPE_CHECKING:
     from skyrange.study.series import Record
 
@@ -23,11 +25,6 @@ def write_report(record: Record, path: str | Path) -> Path:
 
     target = Path(path)
     page = render_run(record)
-    draft = target.with_name(target.name + ".part")
-    try:
-        draft.write_text(page, encoding="utf-8")
-        draft.replace(target)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
+    with atomic_write(target) as file:
+        file.write(page.encode())
     return target

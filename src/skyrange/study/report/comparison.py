@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
 from skyrange.study.marks import marks
@@ -34,13 +35,8 @@ _TWINS = {
 def write_comparison(pair: Pair, path: Path) -> Path:
     """Write the page of a pair; the pictures and the chain are those of its first seed."""
     page = render_comparison(pair)
-    draft = path.with_name(path.name + ".part")
-    try:
-        draft.write_text(page, encoding="utf-8")
-        draft.replace(path)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
+    with atomic_write(path) as file:
+        file.write(page.encode())
     return path
 
 
