@@ -21,10 +21,10 @@ from skyrange.scenario.catalogue import load as load_scenario
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import wire
 from skyrange.study.effects import DEPARTED_M, effect_rows, effects_table
-from skyrange.study.pair_folder import ARMS, FORMAT, MANIFEST, Pair, folder_of
+from skyrange.study.pair_folder import ARMS, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
 from skyrange.study.parallel import OnShare, fly_all
 from skyrange.study.separation import NEAR_M
-from skyrange.study.tracing import effects_of, labels_table, trace
+from skyrange.study.tracing import effects_of, propagation_table, trace
 
 
 def pair(
@@ -115,9 +115,9 @@ def _fresh(folder: Path) -> Path:
 
 
 def _compare(made: Pair, near_m: float, threshold_m: float) -> None:
-    """Write effects, labels and the report of runs that are all flown."""
+    """Write effects, propagation and the report of runs that are all flown."""
     effects: list[dict[str, Any]] = []
-    labels: list[dict[str, Any]] = []
+    propagation: list[dict[str, Any]] = []
     for seed in made.seeds:
         attacked = made.run("attacked", seed)
         traced = trace(attacked, seed)
@@ -125,9 +125,9 @@ def _compare(made: Pair, near_m: float, threshold_m: float) -> None:
             rows = effect_rows(seed, against, (attacked, made.run(against, seed)), near_m, threshold_m)
             effects += rows
             if against == "nominal":
-                labels += sorted([*traced, *effects_of(traced, rows)], key=_moment)
-    _write(effects_table(effects), made.path / "effects.parquet")
-    _write(labels_table(labels), made.path / "labels.parquet")
+                propagation += sorted([*traced, *effects_of(traced, rows)], key=_moment)
+    _write(effects_table(effects), made.path / EFFECTS)
+    _write(propagation_table(propagation), made.path / PROPAGATION)
     from skyrange.study.report.comparison import write_comparison
 
     write_comparison(made, made.report)

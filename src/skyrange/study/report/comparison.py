@@ -47,7 +47,7 @@ def render_comparison(pair: Pair) -> str:
     subject = subject_of(attacked)
     tracks, twins = truth_tracks(attacked), truth_tracks(twin)
     events = happenings(attacked, "events")
-    labels = [row for row in pair.labels.to_pylist() if row["seed"] == seed]
+    labels = [row for row in pair.propagation.to_pylist() if row["seed"] == seed]
     effects = pair.effects.to_pylist()
     own = [row for row in effects if row["seed"] == seed and row["against"] == "nominal"]
     affected = _affected(own)
