@@ -87,8 +87,11 @@ class Opened:
         self.page.context.close()
 
 
-def visit(browser: Browser, path: Path, at: str = "", **context: Any) -> Opened:
-    """Open a file in a context of its own; `at` is the address's fragment, `context` goes to `Browser.new_context`."""
+def visit(browser: Browser, path: Path, at: str = "", script: str = "", **context: Any) -> Opened:
+    """Open a file in a context of its own; `at` is the address's fragment, `context` goes to `Browser.new_context`.
+
+    `script` runs in the page before its own.
+    """
     page = browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | context).new_page()
     opened = Opened(page)
 
@@ -100,6 +103,8 @@ def visit(browser: Browser, path: Path, at: str = "", **context: Any) -> Opened:
     page.on("pageerror", lambda error: opened.said.append(f"error: {error}"))
     page.on("request", lambda request: opened.asked.append(request.url))
     page.on("dialog", answer)
+    if script:
+        page.add_init_script(script)
     page.goto(path.resolve().as_uri() + at)
     opened.settle()
     return opened
