@@ -1,4 +1,4 @@
-"""Do the figures, and the series behind them, say what the record says?"""
+"""Figures of a run, and the time series they are drawn from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is the report one sealed file that says what the record says, whatever the record is like?"""
+"""Report of a run: one self-contained file with what the record says, for complete, killed and hostile records."""
 
 from __future__ import annotations
 

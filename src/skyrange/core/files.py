@@ -1,4 +1,4 @@
-"""Replacement of a file in one step: readers find the old one or the new one, never half of it."""
+"""Atomic replacement of files: readers see the old contents or the new, never a part."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 DRAFT: Final = ".part"
-"""What the name of a file ends with until it is whole. A process that is killed may leave one."""
+"""Suffix of the temporary file beside a file that is being written. A killed process may leave one."""
 
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[BinaryIO]:
-    """Open a draft beside `path` for writing, and rename it to `path` at the block's end, when it is on the disk.
+    """Open a temporary file beside `path` for writing; flush it to the disk and rename it to `path` at the block's end.
 
-    An exception within the block, an interrupt too, removes the draft and leaves what was at `path`. Raises `OSError`
-    where the disk refuses. Not for two writers of one `path` at once.
+    If the block raises, also `KeyboardInterrupt`, the temporary file is deleted and `path` stays as it was. Raises
+    `OSError` if the file cannot be written. Two processes must not write the same `path` at once.
     """
     draft = path.with_name(path.name + DRAFT)
     try:

@@ -1,4 +1,4 @@
-"""Scenario as TOML, with every value that a run used, so that the file alone repeats it."""
+"""Scenario as TOML with every value that a run used, so that the file alone repeats the run."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from skyrange.scenario.schema import Scenario
 
 
 def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
-    """TOML text that `load_text` turns into a scenario equal to this one.
+    """TOML text from which `load_text` makes an equal scenario.
 
-    `files` gives other names to files that the scenario names: those of copies beside the text.
+    `files` maps names of files in the scenario to those of their copies beside the text.
     """
     data = scenario.data()
     data["start_utc"] = data["start_utc"].astimezone(UTC)  # TOML has no offsets of seconds

@@ -1,4 +1,4 @@
-"""Trajectories in a box of axes: a parallel projection with grid, ticks, buildings and shadows."""
+"""Trajectory box: paths in a parallel projection with axes, grid, buildings and shadows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from skyrange.study.thin import kept_rows
 Floats = NDArray[np.float64]
 
 MAX_BUILDINGS = 300
-"""Buildings drawn in one box; the nearest to its centre are kept."""
+"""Buildings drawn in one box: those nearest to its centre."""
 
 _AZIMUTH = math.radians(-60.0)
 _ELEVATION = math.radians(26.0)
@@ -34,9 +34,9 @@ def draw_box(
     height: float,
     marks: Sequence[Mark] = (),
 ) -> list[Element]:
-    """SVG elements that fill a panel of `width` × `height` pixels with the paths of `own` and their axes, metres.
+    """Draw the paths of the vehicles `own`, and axes in metres, in a panel of `width` × `height` pixels.
 
-    Up is stretched where the paths are flat, and the panel says by how much.
+    If the paths are flat, the vertical axis is stretched and the panel states the factor.
     """
     paths = [tracks[vehicle.id].enu_m for vehicle in own]
     if not any(len(path) for path in paths):
@@ -83,9 +83,9 @@ def _projector(low: Floats, high: Floats, rise: float, width: float, height: flo
 
 
 def _frame(low: Floats, high: Floats, project: Any) -> list[Element]:
-    """Floor and the two far walls with grid lines, ticks and axis names.
+    """Draw the floor and the two far walls with grid lines, ticks and axis names.
 
-    Seen from azimuth −60° the far walls are at least east and greatest north.
+    At azimuth −60° the far walls are those of least east and of greatest north.
     """
     parts: list[Element] = []
     (e_ticks, e_step), (n_ticks, n_step), (u_ticks, u_step) = (
@@ -122,7 +122,7 @@ def _frame(low: Floats, high: Floats, project: Any) -> list[Element]:
 
 
 def _buildings(city: Sequence[Mapping[str, Any]], low: Floats, high: Floats, project: Any) -> list[Element]:
-    """Extruded buildings whose centre lies in the box, far ones first."""
+    """Draw extruded buildings whose centre lies in the box, the farthest first."""
     centre = 0.5 * (low + high)
     inside = []
     for building in city:
@@ -140,7 +140,7 @@ def _buildings(city: Sequence[Mapping[str, Any]], low: Floats, high: Floats, pro
 
 
 def _block(ring: Floats, tall: float, ground: float, project: Any, view: Floats) -> list[Element]:
-    """One building: the walls that face the viewer, then the roof."""
+    """Draw one building: the walls that face the viewer, then the roof."""
     walls = []
     area = float((ring[:, 0] * np.roll(ring[:, 1], -1) - np.roll(ring[:, 0], -1) * ring[:, 1]).sum())
     for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True):

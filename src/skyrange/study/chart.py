@@ -29,9 +29,10 @@ def draw_chart(
     twins: Mapping[str, tuple[Ints, Floats]] | None = None,
     spans: Sequence[tuple[float, float, str]] = (),
 ) -> Figure:
-    """A line per aircraft of `subject`: by its id (n,) ns and (n,) values; `said` stands over the axis.
+    """Draw a line per aircraft of `subject`.
 
-    `twins` are drawn dashed behind them. `spans` are times to shade: from, until, in seconds, and their name.
+    `lines` are (n,) times in ns and (n,) values by vehicle id; `said` is the text above the axis. `twins` are drawn
+    dashed behind the lines. `spans` are shaded: from and until, in seconds, and a name. Sizes are in pixels.
     """
     twins = twins or {}
     drawn = [line for line in (*lines.values(), *twins.values()) if len(line[0])]
@@ -76,9 +77,9 @@ def draw_chart(
 
 
 def _legend(subject: Subject, shown: Collection[str], right: float, y: float) -> list[Element]:
-    """The names of the operators of `shown` in their colours, ending at `right`.
+    """The names of the operators of the vehicles `shown` in their colours, right-aligned at `right`.
 
-    None where the run has but one operator, or too many are shown.
+    Empty if the run has one operator, or if more than `_MAX_NAMED` are shown.
     """
     first = {vehicle.operator: vehicle for vehicle in reversed(subject.fleet) if vehicle.id in shown}
     if len({vehicle.operator for vehicle in subject.fleet}) < 2 or len(first) > _MAX_NAMED:

@@ -1,4 +1,4 @@
-"""Map below the paths, seen from above: extent and scale, buildings, a scale bar and an arrow to the north."""
+"""Base map of plan views: extent and scale, buildings, scale bar and north arrow."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _STOREYS_M = 12.0
 
 @dataclass(frozen=True, slots=True)
 class BaseMap:
-    """A map of `width` × `height` pixels, north up: `scale` pixels a metre, `corner_m` what its upper left shows."""
+    """A map of `width` × `height` pixels, north up, with `scale` pixels per metre and `corner_m` at its upper left."""
 
     city: Sequence[Mapping[str, Any]]
     corner_m: Floats
@@ -36,12 +36,12 @@ class BaseMap:
         )
 
     def draw_buildings(self) -> Element:
-        """The buildings that it shows."""
+        """Draw the buildings on the map."""
         footprints = _footprints(self.city, self.pixels, self.width, self.height)
         return svg.element("g", {"class": "plan-buildings"}, *footprints)
 
     def draw_legend(self) -> list[Element]:
-        """A scale bar and an arrow to the north."""
+        """Draw a scale bar and a north arrow."""
         arrow = svg.element("path", {"d": "M0 -18L7 8L0 3L-7 8z", "fill": "currentColor"})
         letter = svg.label(0, 22, "N", size=12, extra=svg.BOLD)
         place = f"translate({format_number(self.width - 28)} 30)"
@@ -52,7 +52,7 @@ class BaseMap:
 def fit_map(
     places: Sequence[Floats], city: Sequence[Mapping[str, Any]], width: float, least_m: float = 10.0
 ) -> BaseMap:
-    """The map that shows all of `places`, (n, 3) metres each, with a margin, and at least `least_m` each way."""
+    """A map that shows all `places`, (n, 3) metres each, with a margin, and at least `least_m` in each direction."""
     solid = [rows for rows in places if len(rows)]
     low = np.min([rows.min(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, -5.0)
     high = np.max([rows.max(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, 5.0)
@@ -67,7 +67,7 @@ def fit_map(
 def _footprints(
     city: Sequence[Mapping[str, Any]], pixels: Callable[[Floats], Floats], width: float, height: float
 ) -> list[Element]:
-    """Outlines that touch the picture, in eight classes of height so that each class is one path."""
+    """Draw outlines that touch the map, in eight classes of height, each of which is one path."""
     classes: dict[int, list[str]] = {}
     for building in city:
         rings = [pixels(np.asarray(ring, dtype=np.float64)) for ring in building.get("rings") or [] if len(ring) > 2]

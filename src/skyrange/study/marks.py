@@ -1,4 +1,4 @@
-"""Mishaps of a run: collisions, crashes, breaches and failsafes, as marks for timeline and map."""
+"""Mishaps of a run: collisions, crashes, fence breaches and failsafes, with time, position and description."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from skyrange.study.series import Happening, Record, Track, happenings, truth_tr
 _KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
 _VIOLENT = frozenset({"collision", "crash"})
 _REASONS = frozenset({"gps_glitch", "fence_breached", "avoidance", "terrain_following_failed"})
-"""ArduCopter's ModeReasons besides those in …_failsafe that no pilot or mission gave (libraries/…/ModeReason.h)."""
+"""ArduCopter's ModeReasons, besides …_failsafe, that no pilot and no mission caused (libraries/…/ModeReason.h)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """`kind` is collision, crash, breach or failsafe; `enu_m` where the aircraft truly was."""
+    """A mishap. `kind` is collision, crash, breach or failsafe; `enu_m` is the true position of the aircraft."""
 
     time_ns: int
     vehicle: str
@@ -33,7 +33,7 @@ class Mark:
 
 
 def alarming(row: Happening) -> str:
-    """The kind of mark that an event is worth, "" for none."""
+    """The kind of mishap that an event is, "" for none."""
     if row.kind == "event.mode":
         reason = str(row.data.get("reason", ""))
         return "failsafe" if reason.endswith("_failsafe") or reason in _REASONS else ""
@@ -41,7 +41,7 @@ def alarming(row: Happening) -> str:
 
 
 def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark]:
-    """A mark for every alarming event about an aircraft whose place is known, in time order."""
+    """The mishaps of aircraft whose true position is known, in order of time."""
     found = []
     for row in events:
         kind = alarming(row)
@@ -54,7 +54,7 @@ def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark
 
 
 def told_once(rows: Iterable[Happening]) -> list[Happening]:
-    """The alarming ones among events in time order; of the two that a collision makes, the first."""
+    """The mishaps among events in order of time; of the two events of a collision, the first."""
     seen: set[tuple[int, str, str]] = set()
     kept = []
     for row in rows:
@@ -67,7 +67,7 @@ def told_once(rows: Iterable[Happening]) -> list[Happening]:
 
 
 def undoing(events: Iterable[Happening]) -> dict[str, str]:
-    """By vehicle, in words, the first collision or crash that befell it: why its ground station saw it stop."""
+    """By vehicle, a description of its first collision or crash."""
     found: dict[str, str] = {}
     for row in sorted(events, key=lambda row: row.time_ns):
         if alarming(row) in _VIOLENT:
@@ -76,7 +76,7 @@ def undoing(events: Iterable[Happening]) -> dict[str, str]:
 
 
 def said(row: Happening) -> str:
-    """An alarming event in words: about whom, what, how fast and with what energy, when."""
+    """Description of a mishap: aircraft, what happened, speed and energy, time."""
     what = _what(row)
     if row.kind in ("event.collision", "event.crash"):
         if isinstance(speed := row.data.get("speed_mps"), (int, float)):
@@ -95,10 +95,10 @@ def _what(row: Happening) -> str:
 
 
 def by_weight(found: Iterable[Mark]) -> list[Mark]:
-    """In the order to draw them, so that a failsafe after a crash does not cover the crash."""
+    """Drawing order: collisions and crashes last, so that no failsafe covers them."""
     return sorted(found, key=lambda mark: mark.violent)
 
 
 def marks_of(record: Record) -> list[Mark]:
-    """The marks of a run."""
+    """The mishaps of a run."""
     return marks(happenings(record, "events"), truth_tracks(record))

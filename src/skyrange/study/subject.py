@@ -1,4 +1,4 @@
-"""Subject of a drawing: name, fleet, colours and city of one run, which all its figures share."""
+"""Subject of a figure: name, fleet, colours and buildings of a run, shared by all its figures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skyrange.study.series import Record, Vehicle, operators, vehicles
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A run's name, fleet (in the manifest's order), inks by vehicle id, and buildings (see `series.Record.city`)."""
+    """A run's name, fleet in the manifest's order, colours by vehicle id, and buildings (see `series.Record.city`)."""
 
     name: str
     fleet: Sequence[Vehicle]
@@ -26,7 +26,7 @@ class Subject:
     _index: Mapping[str, int] = field(default_factory=dict)
 
     def index(self, vehicle: Vehicle) -> int:
-        """The number k that an aircraft's elements carry in their class `ink-k`."""
+        """The number k of the class `ink-k` of an aircraft's elements."""
         return self._index[vehicle.id]
 
     def draw_line(
@@ -38,7 +38,7 @@ class Subject:
         close: bool = False,
         dashed: bool = False,
     ) -> list[Element]:
-        """A path through (n, 2) pixels in an aircraft's colour, named by its id; nothing without points."""
+        """A path through (n, 2) pixels in an aircraft's colour, titled with its id; empty without points."""
         if not len(points):
             return []
         attributes = {
@@ -57,7 +57,7 @@ class Subject:
 
 
 def subject_of(record: Record) -> Subject:
-    """The subject of a run; every aircraft gets a shade of its operator's colour."""
+    """The subject of a run's figures; every aircraft gets a shade of its operator's colour."""
     fleet = vehicles(record)
     inks: dict[str, Ink] = {}
     for operator, colour in base_colours(operators(record)).items():

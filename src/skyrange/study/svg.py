@@ -1,7 +1,7 @@
-"""SVG elements: numbers, ticks, paths, text and the document around them.
+"""SVG elements: numbers, ticks, paths, text and documents.
 
-A drawing is a tree of `xml.etree.ElementTree` elements until it is written, so no text in it, whoever it is from, can
-become markup. It refers to nothing that a viewer would have to fetch.
+A drawing is a tree of `xml.etree.ElementTree` elements, which escapes all text when it is written. It contains no
+reference that a viewer would have to fetch.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ Attributes = Mapping[str, str | float]
 """An element's attributes by name; numbers are pixels (`format_number`)."""
 
 MAX_POINTS: Final = 24_000
-"""Samples that one figure draws at most, shared evenly by its aircraft."""
+"""Samples drawn in one figure, divided evenly among its aircraft."""
 
 GRID: Final = {"stroke": "currentColor", "stroke-opacity": ".16", "fill": "none"}
-"""The attributes of grid lines."""
+"""Attributes of grid lines."""
 
 BOLD: Final = {"font-weight": "600"}
-"""The attributes of bold text."""
+"""Attributes of bold text."""
 
 FONT: Final = "system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',sans-serif"
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A drawing; notebooks show it by itself. `svg` is a whole `<svg>` element, `title` says what it shows."""
+    """A drawing, which notebooks display. `svg` is an `<svg>` element, `title` says what it shows."""
 
     svg: str
     title: str
@@ -47,7 +47,7 @@ class Figure:
         return f'<div style="max-width:100%;overflow-x:auto">{self.svg}</div>'
 
     def __html__(self) -> str:
-        """The drawing as markup, for templates that escape what is not."""
+        """The drawing as markup, which templates do not escape."""
         return self.svg
 
     def save(self, path: str | Path) -> Path:
@@ -68,27 +68,27 @@ def element(tag: str, attributes: Attributes, *children: Element, text: str = ""
 
 
 def format_number(value: float) -> str:
-    """At most one decimal, no trailing zero, no minus zero: a tenth of a pixel is enough."""
+    """A number with at most one decimal, without trailing zero or minus zero; 0.1 pixels is precise enough."""
     text = f"{value:.1f}".removesuffix(".0")
     return "0" if text == "-0" else text
 
 
 def format_tick(value: float, step: float) -> str:
-    """A tick's text, with the decimals that `step` needs and a true minus sign."""
+    """The text of a tick, with as many decimals as `step` needs and a typographic minus sign."""
     decimals = max(0, -math.floor(math.log10(step) + 1e-9)) if step < 1 else 0
     text = f"{value:.{decimals}f}"
     return "0" if float(text) == 0 else text.replace("-", "−")
 
 
 def round_step(span: float, about: int) -> float:
-    """1, 2 or 5 times a power of ten, such that `span` (> 0) holds about `about` steps."""
+    """1, 2 or 5 times a power of ten, so that `span` (> 0) contains about `about` steps."""
     rough = max(span, 1e-9) / max(about, 1)
     power: float = 10.0 ** math.floor(math.log10(rough))
     return next(power * factor for factor in (1.0, 2.0, 5.0, 10.0) if power * factor >= rough * 0.999)
 
 
 def ticks(low: float, high: float, about: int = 5) -> tuple[list[float], float]:
-    """Round values within [low, high] and their step."""
+    """Round values in [low, high] and the step between them."""
     step = round_step(high - low, about)
     first, last = math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6)
     return [index * step for index in range(first, last + 1)], step
@@ -107,7 +107,7 @@ def path_data(points: Floats, close: bool = False) -> str:
 
 
 def title(words: str) -> Element:
-    """The `<title>` of an element: what viewers show under the pointer."""
+    """The `<title>` of an element, which viewers show under the pointer."""
     return element("title", {}, text=words)
 
 

@@ -1,4 +1,4 @@
-"""Symbols on maps and boxes: what went wrong, and where attackers are."""
+"""Symbols of figures: mishaps, positions of attackers, and claimed positions."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from skyrange.study.ground import BaseMap
 from skyrange.study.marks import Mark
 
 Place = tuple[float, float, float]
-"""Metres east, north and up of the origin."""
+"""A position in metres east, north and up of the origin."""
 
 SAME_PX: Final = 8
-"""Places nearer to each other than that, in pixels, share a ring."""
+"""Positions within so many pixels of each other share one ring."""
 
 HOSTILE: Final = "#b3261e"
-"""The colour of attackers and of what they claim."""
+"""Colour of attackers and of what they forge."""
 
 
 def draw_mark(mark: Mark, x: float, y: float) -> Element:
-    """A mark at a pixel: a cross for a collision or crash, a triangle for what turned an aircraft around."""
+    """Draw a mishap at a pixel: a cross for a collision or crash, a triangle for a breach or failsafe."""
     shape = "M-6 -6L6 6M6 -6L-6 6" if mark.violent else "M0 -7L7 5H-7z"
     halo = {"d": shape, "fill": "none", "stroke": "#fff", "stroke-width": "5", "stroke-opacity": ".85"}
     line = {
@@ -44,7 +44,7 @@ def draw_mark(mark: Mark, x: float, y: float) -> Element:
 
 
 def draw_places(base: BaseMap, places: Mapping[str, Place]) -> list[Element]:
-    """The attackers' places: a ring each, with the names of all that are there but those that are numbers of many."""
+    """Draw a ring at each attacker's position, with its names; numbered members of a swarm have no names."""
     named: dict[tuple[int, int], list[str]] = {}
     for name, place in places.items():
         x, y = base.pixels(np.array([place]))[0].tolist()
@@ -64,7 +64,7 @@ def _ring(base: BaseMap, places: Mapping[str, Place]) -> list[Element]:
 
 
 def draw_claim(base: BaseMap, enu_m: NDArray[np.float64], said: str) -> Element:
-    """A dotted line through (n, 3) places that are not the truth."""
+    """Draw a dotted line through (n, 3) positions that are claimed or believed, and not true."""
     line = {"d": svg.path_data(base.pixels(enu_m)), "fill": "none", "stroke": HOSTILE, "stroke-width": "1.4"}
     dotted = svg.element("path", {**line, "stroke-dasharray": "1.5 4", "stroke-linecap": "round"})
     return svg.element("g", {"class": "hostile"}, dotted, svg.title(said))

@@ -1,4 +1,4 @@
-"""Figures of an attacked run beside its twin: both tracks from above, in height, and how far apart they are."""
+"""Figures of an attacked run and its twin: plan view, altitude, and distance between the two over time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from skyrange.study.symbols import Place, draw_claim, draw_mark, draw_places
 from skyrange.study.thin import kept_rows
 
 Span = tuple[float, float, str]
-"""When something lasts: from and until, in seconds, and its name."""
+"""An interval: from and until, in seconds, and its name."""
 
 MAX_NAMED = 40
-"""Names on a map; more would only cover each other."""
+"""No names are drawn for more aircraft than this, because they would overlap."""
 
 
 def draw_twin_plan(
@@ -35,12 +35,12 @@ def draw_twin_plan(
     believed: Mapping[str, Track] | None = None,
     width: float = 760.0,
 ) -> Figure:
-    """Both true paths from above: solid as attacked, dashed in the twin.
+    """Plan view of the true paths: solid lines of the attacked run, dashed lines of the twin.
 
-    The map shows the aircraft of `affected` (all, where there is none) and `places`, the attackers' by name; the
-    others' paths are faint. `forged` are aircraft of which something false is claimed: where they are when that
-    begins, and where they are said to be; they are shown too, with a line from the one to the other. `believed` are
-    the paths that deceived aircraft believe to fly.
+    The extent of the map covers the aircraft of `affected` (all aircraft if it is empty) and `places`, the attackers'
+    positions by name. Paths of other aircraft are faint. `forged` are aircraft whose position is forged: the true
+    position at the attack's start and the claimed one, joined by a dotted line. `believed` are the paths that aircraft
+    with altered sensors believe to fly.
     """
     forged, believed = forged or {}, believed or {}
     chosen = (set(affected) or {vehicle.id for vehicle in subject.fleet}) | set(forged)
@@ -83,7 +83,7 @@ def draw_twin_heights(
     chosen: Collection[str],
     spans: Sequence[Span],
 ) -> Figure:
-    """True heights over time, the twins' dashed; `spans` are when attacks act."""
+    """True heights over time, dashed for the twin; `spans` are the intervals in which attacks are active."""
     lines, dashed = (
         {name: (track.time_ns, track.enu_m[:, 2]) for name, track in group.items() if name in chosen}
         for group in (tracks, twins)
@@ -99,7 +99,7 @@ def draw_departures(
     chosen: Collection[str],
     spans: Sequence[Span],
 ) -> Figure:
-    """How far each aircraft was from where it was in the twin at the same moment, over time."""
+    """Distance of each aircraft from its position in the twin at the same time."""
     lines = {}
     for name in chosen:
         track, twin = tracks.get(name), twins.get(name)

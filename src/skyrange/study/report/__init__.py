@@ -1,4 +1,4 @@
-"""Reports: a run, or a pair of runs, on one page that needs no network."""
+"""Reports: self-contained HTML pages of a run or of a pair of runs."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ __all__ = ["write_report"]
 def write_report(record: Record, path: str | Path) -> Path:
     """Write the run's report as one self-contained HTML file and return its path.
 
-    `record` is what `skyrange.record.load` returns, of a finished, interrupted or killed run. The page fetches nothing
-    (its content security policy forbids it) and stays below about 5 MB: long tracks are thinned, long tables cut,
-    and both are said on the page. Raises `OSError` where `path` cannot be written; a half-written file never stands
-    there.
+    `record` is what `skyrange.record.load` returns for a finished, interrupted or killed run. The page fetches nothing;
+    its content security policy forbids it. A page of 100 aircraft is smaller than 5 MB, because long tracks are thinned
+    and long tables cut; the page says so. Raises `OSError` if `path` cannot be written; the file that was there then
+    stays as it was.
     """
     from skyrange.study.report.page import render_run
 

@@ -1,6 +1,6 @@
-"""Belief of deceived autopilots: against the truth, their innovations, and what their estimators noted.
+"""Belief of aircraft with altered sensors: distance from the truth, innovations, and events of their estimators.
 
-Only aircraft whose sensors were altered are shown. Belief is what their ground station received, as everywhere.
+Belief is the position that the ground station received.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ Line = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 _ESTIMATOR: Final = frozenset({"event.glitch", "event.estimator", "event.ekf_failsafe"})
 _RATIOS: Final = ("pos_horiz_variance", "velocity_variance")
-"""EKF_STATUS_REPORT: innovations over what they are rejected at, of position and of velocity."""
+"""Fields of EKF_STATUS_REPORT: innovation divided by its rejection threshold, for position and velocity."""
 MAX_NOTES: Final = 60
-"""Rows of the table of what estimators noted."""
+"""Rows of the table of estimator events."""
 
 
 def deceived(run: Record) -> list[str]:
-    """The aircraft whose sensors an attack altered, in the order in which it began to."""
+    """The aircraft whose sensors an attack altered, ordered by the first altered reading."""
     return list(dict.fromkeys(act.about for act in hostile_acts(run) if act.kind == "attack.sensor"))
 
 
-def belief(
+def render_belief(
     runs: tuple[Record, Record],
     tracks: tuple[Mapping[str, Track], Mapping[str, Track]],
     subject: Subject,
     spans: Sequence[Span],
     most: int,
 ) -> Markup:
-    """The section as HTML, "" where no sensor was altered; of the attacked run and its twin, with their true tracks.
+    """Render the section on belief; empty if no sensor was altered.
 
-    Charts show the first `most` aircraft.
+    `runs` are the attacked run and its twin, `tracks` their true tracks. Charts show the first `most` aircraft.
     """
     run, twin = runs
     whom = deceived(run)
@@ -64,7 +64,10 @@ def belief(
 
 
 def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
-    """The larger of both ratios of each aircraft over time, as far as its ground station was told."""
+    """By aircraft, the larger of both ratios over time, from the EKF_STATUS_REPORTs that its ground station received.
+
+    Ends at the first collision or crash.
+    """
     ends = _ends(run)
     found: dict[str, Line] = {}
     try:
@@ -83,14 +86,14 @@ def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
 
 
 def beliefs(run: Record, chosen: Sequence[str]) -> dict[str, Track]:
-    """Where these aircraft were believed to be until they collided or crashed; without those never reported."""
+    """Believed tracks of these aircraft up to their first collision or crash; without aircraft that never reported."""
     ends = _ends(run)
     found = {name: track.until(ends.get(name, NEVER)) for name, track in belief_tracks(run).items() if name in chosen}
     return {name: track for name, track in found.items() if len(track)}
 
 
 def _ends(run: Record) -> dict[str, int]:
-    """When each aircraft first collided or crashed: what its estimator says later is of no attack."""
+    """Time of each aircraft's first collision or crash, after which its estimator says nothing about an attack."""
     found: dict[str, int] = {}
     for row in happenings(run, "events"):
         if alarming(row) in ("collision", "crash"):
@@ -103,7 +106,7 @@ def _gaps(run: Record, tracks: Mapping[str, Track], chosen: Sequence[str]) -> di
 
 
 def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[str, Any]]:
-    """What estimators and their failsafes noted about these aircraft."""
+    """Events of the estimators and estimator failsafes of these aircraft."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     rows = [
         row

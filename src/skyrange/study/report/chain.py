@@ -1,4 +1,4 @@
-"""Chain from hostile acts to effects: onset, propagation and effect on one clock, a lane per attack and aircraft."""
+"""Propagation timeline: onset, acts, propagation and effect, with one lane per attack and per aircraft."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skyrange.study.twins import Span
 Row = Mapping[str, Any]
 
 MAX_MARKS = 300
-"""Marks of one phase drawn in one lane; the table holds all."""
+"""Marks of one phase drawn in one lane; propagation.parquet holds all."""
 MAX_LANES = 40
 MAX_STEPS = 60
 """Rows of the table of decisions."""
@@ -32,10 +32,10 @@ _MEANINGS = {
 }
 
 
-def chain(
+def render_timeline(
     subject: Subject, labels: Sequence[Row], attacks: Sequence[str], spans: Sequence[Span], end_s: float
 ) -> Markup:
-    """The timeline as HTML; `labels` are of one seed."""
+    """Render the timeline; `labels` are the rows of one seed."""
     lanes = []
     for name in attacks:
         own = [span for span in spans if span[2] == name]
@@ -53,8 +53,8 @@ def chain(
     )
 
 
-def steps(subject: Subject, labels: Sequence[Row]) -> Markup:
-    """The chain in words: onset, the first decision of each kind about each aircraft, effect."""
+def render_steps(subject: Subject, labels: Sequence[Row]) -> Markup:
+    """Render the table: onset, the first decision of each kind about each aircraft, and effect."""
     seen: set[tuple[str | None, str]] = set()
     rows = []
     for row in labels:
@@ -92,7 +92,7 @@ def _of(labels: Sequence[Row], key: str, value: str, phases: Sequence[str]) -> l
 
 
 def _symbol(row: Row) -> str:
-    """The name of the symbol of a row, as the template draws them."""
+    """The name under which the template draws a row's symbol."""
     if row["phase"] == "propagation":
         return "frame" if row["kind"] == "frame" else "decision"
     return str(row["phase"])
@@ -120,7 +120,7 @@ def _lane(name: str, index: int | None, rows: Sequence[Row], spans: Sequence[Spa
 
 
 def _thinned(rows: Sequence[Row]) -> Sequence[Row]:
-    """At most `MAX_MARKS` of them, evenly."""
+    """At most `MAX_MARKS` rows, evenly spaced."""
     return rows[:: -(-len(rows) // MAX_MARKS)] if rows else rows
 
 
@@ -130,7 +130,7 @@ def _title(row: Row) -> str:
 
 
 def _ticks(end_s: float) -> list[tuple[str, str]]:
-    """Places in percent and texts of the ticks of the time axis."""
+    """Positions in percent and texts of the ticks of the time axis."""
     values, step = ticks(0.0, end_s, 10)
     return [
         (format_number(100 * value / end_s), format_tick(value, step))

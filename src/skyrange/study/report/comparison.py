@@ -1,4 +1,4 @@
-"""Page that compares the twins of a pair: both tracks, the chain from onset to effect, the tables of effects."""
+"""Page of a pair: the tracks of the attacked run and its twin, the propagation timeline and the effects."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from skyrange.study.symbols import Place
 from skyrange.study.twins import Span, draw_departures, draw_twin_heights, draw_twin_plan
 
 MAX_DRAWN = 12
-"""Aircraft in the charts over time: those that departed most."""
+"""Aircraft in the charts over time: those that departed farthest."""
 
 _TWINS = {
     "nominal": "Against the nominal twin: every attack present and muted.",
@@ -33,7 +33,7 @@ _TWINS = {
 
 
 def write_comparison(pair: Pair, path: Path) -> Path:
-    """Write the page of a pair; the pictures and the chain are those of its first seed."""
+    """Write the page of a pair to `path`; figures and timeline are those of its first seed. Raises `OSError`."""
     page = render_comparison(pair)
     with atomic_write(path) as file:
         file.write(page.encode())
@@ -41,7 +41,7 @@ def write_comparison(pair: Pair, path: Path) -> Path:
 
 
 def render_comparison(pair: Pair) -> str:
-    """The whole page as text."""
+    """The page as text."""
     seed = pair.seeds[0]
     attacked, twin = pair.run("attacked", seed), pair.run("nominal", seed)
     subject = subject_of(attacked)
@@ -71,20 +71,22 @@ def render_comparison(pair: Pair) -> str:
         heights=draw_twin_heights(subject, tracks, twins, shown, spans),
         departures=draw_departures(subject, tracks, twins, shown, spans),
         threshold=f"{pair.manifest['threshold_m']:g}",
-        chain=chain.chain(subject, labels, [row["id"] for row in _declared(attacked)], spans, attacked.duration),
-        steps=chain.steps(subject, labels),
+        chain=chain.render_timeline(
+            subject, labels, [row["id"] for row in _declared(attacked)], spans, attacked.duration
+        ),
+        steps=chain.render_steps(subject, labels),
         seed=seed,
         near=f"{pair.manifest['near_m']:g}",
         effects=[_effects(subject, effects, seed, arm) for arm in pair.arms if arm != "attacked"],
         ensemble=_ensemble(pair, subject, effects),
-        belief=believing.belief((attacked, twin), (tracks, twins), subject, spans, MAX_DRAWN),
+        belief=believing.render_belief((attacked, twin), (tracks, twins), subject, spans, MAX_DRAWN),
         receptions=_receptions(attacked, subject, places),
         folder=str(pair.path),
     )
 
 
 def draw_pair_plan(pair: Pair) -> Figure:
-    """Both flights from above, of the pair's first seed."""
+    """Plan view of the attacked run and its nominal twin, of the pair's first seed."""
     seed = pair.seeds[0]
     attacked = pair.run("attacked", seed)
     tracks, events = truth_tracks(attacked), happenings(attacked, "events")
@@ -103,7 +105,7 @@ def draw_pair_plan(pair: Pair) -> Figure:
 
 
 def _affected(effects: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Aircraft that departed from their twin, those that did most first."""
+    """Aircraft that departed from their twin, the farthest first."""
     departed = sorted((row for row in effects if row["departed_s"] is not None), key=lambda row: -row["departure_m"])
     return [row["vehicle"] for row in departed]
 
@@ -113,7 +115,7 @@ def _declared(run: RunRecord) -> Sequence[Mapping[str, Any]]:
 
 
 def _places(run: RunRecord) -> dict[str, Place]:
-    """Where attackers stand and what they pretend to be, by name."""
+    """Positions of attackers and of what they forge, by name."""
     found: dict[str, Place] = {}
     for attack in _declared(run):
         for name, place in attack.get("shown", {}).items():
@@ -124,7 +126,7 @@ def _places(run: RunRecord) -> dict[str, Place]:
 
 
 def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) -> dict[str, tuple[Place, Place]]:
-    """Aircraft whose position is forged: where each is when that begins, and where it is said to be."""
+    """Aircraft whose position is forged: the true position at the attack's start, and the claimed one."""
     begun = {attack: start for start, _, attack in spans}
     found: dict[str, tuple[Place, Place]] = {}
     for attack in _declared(run):
@@ -138,7 +140,7 @@ def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) 
 
 
 def _believed(run: RunRecord, spans: Sequence[Span]) -> dict[str, Track]:
-    """Where deceived aircraft believe to be, from the first attack's start on."""
+    """Believed tracks of aircraft with altered sensors, from the start of the first attack."""
     whom = believing.deceived(run)
     if not whom or not spans:
         return {}
@@ -148,14 +150,14 @@ def _believed(run: RunRecord, spans: Sequence[Span]) -> dict[str, Track]:
 
 
 def _spans(events: Sequence[Happening], end_s: float) -> list[Span]:
-    """When each attack acted: from its start to its stop, or the run's end."""
+    """When each attack was active: from its start to its stop or to the run's end."""
     begun = {row.about: float(row.data["at_s"]) for row in events if row.kind == "event.attack_start"}
     over = {row.about: float(row.data["at_s"]) for row in events if row.kind == "event.attack_stop"}
     return [(start, over.get(attack, end_s), attack) for attack, start in begun.items()]
 
 
 def _numbers(labels: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any, str]]:
-    """The comparison at a glance: name, value and what stands below it."""
+    """Tiles at the top of the page: name, value and caption."""
     onset = min((row["at_ns"] for row in labels if row["phase"] == "onset"), default=None)
     acts = sum(row["phase"] in ("onset", "act") for row in labels)
     led = [row for row in labels if row["phase"] == "propagation"]
@@ -213,8 +215,8 @@ def _effects(subject: Subject, effects: Sequence[Mapping[str, Any]], seed: int, 
     rows = [row for row in effects if row["seed"] == seed and row["against"] == against]
     return {
         "meaning": _TWINS[against],
-        "operators": effecttable.operators(subject, rows),
-        "aircraft": effecttable.effects(subject, rows),
+        "operators": effecttable.render_operators(subject, rows),
+        "aircraft": effecttable.render_effects(subject, rows),
     }
 
 
@@ -222,7 +224,7 @@ def _ensemble(pair: Pair, subject: Subject, effects: Sequence[Mapping[str, Any]]
     if len(pair.seeds) < 2:
         return None
     affected = list(dict.fromkeys(row["vehicle"] for row in effects if row["departed_s"] is not None))
-    table = effecttable.ensemble(subject, pair.intervals(), affected)
+    table = effecttable.render_ensemble(subject, pair.intervals(), affected)
     return {"seeds": len(pair.seeds), "reference": pair.reference, "table": table}
 
 
@@ -231,5 +233,5 @@ def _receptions(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -
     if not rows:
         return None
     hostile = receptions_of(run, [row["id"] for row in _declared(run) if row.get("radios")])
-    drawing = hearing.hearing_map(subject, hostile, places) if len(hostile) else None
-    return {"map": drawing, "table": hearing.hearing_table(rows)}
+    drawing = hearing.draw_reception_map(subject, hostile, places) if len(hostile) else None
+    return {"map": drawing, "table": hearing.render_receptions(rows)}

@@ -1,4 +1,4 @@
-"""Tables of effects: of each aircraft, of each operator, and means with intervals over seeds."""
+"""Tables of effects: per aircraft, per operator, and means over seeds with 95 % intervals."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ _MEASURES = (
 _BADGES = {"complete": "ok", "failed": "bad", "unfinished": "wait"}
 
 
-def effects(subject: Subject, rows: Sequence[Row]) -> Markup:
-    """One row per aircraft against one twin, those that departed most first."""
+def render_effects(subject: Subject, rows: Sequence[Row]) -> Markup:
+    """Render one row per aircraft against one twin, the farthest departure first."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     ordered = sorted(rows, key=lambda row: -row["departure_m"])
     shown = [_row(row, places) for row in ordered[:MAX_ROWS]]
     return render("comparison/effects.html.jinja", rows=shown, total=len(rows))
 
 
-def operators(subject: Subject, rows: Sequence[Row]) -> Markup:
-    """One row per operator: what it cost its aircraft together; "" where each has but one."""
+def render_operators(subject: Subject, rows: Sequence[Row]) -> Markup:
+    """Render the sums of each operator's aircraft; empty if every operator has one aircraft."""
     owned: dict[str, list[Row]] = {}
     for row in rows:
         owned.setdefault(row["vehicle"].partition("/")[0], []).append(row)
@@ -54,8 +54,8 @@ def operators(subject: Subject, rows: Sequence[Row]) -> Markup:
     )
 
 
-def ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]], affected: Sequence[str]) -> Markup:
-    """Means over seeds and their intervals, of the aircraft that were affected in some run."""
+def render_ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]], affected: Sequence[str]) -> Markup:
+    """Render means over seeds with their intervals, of aircraft that departed in at least one run."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     chosen = [name for name in found if name in affected] or list(found)
     return render(
@@ -95,7 +95,7 @@ def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
 
 
 def _together(rows: Sequence[Row]) -> Sequence[str | words.Quantity]:
-    """The sums of one operator's aircraft."""
+    """The sums over one operator's aircraft."""
     return (
         words.count(len(rows)),
         words.count(sum(row["departed_s"] is not None for row in rows)),

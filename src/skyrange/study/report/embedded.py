@@ -1,7 +1,7 @@
-"""Data that the page's script draws from: tracks, buildings and colours, ready for JSON.
+"""Data for the page's script: tracks, buildings and colours, ready for JSON.
 
-Numbers are integers in small units (centimetres, centiseconds, centimetres per second), each the difference to the one
-before, which halves the file.
+Numbers are integers in small units (centimetres, centiseconds, centimetres per second), each stored as the difference
+from the one before, which halves the file.
 """
 
 from __future__ import annotations
@@ -12,27 +12,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study.report.gathered import Gathered
+from skyrange.study.report.gathered import RunContents
 from skyrange.study.series import Track, gaps_m
 from skyrange.study.thin import kept_rows
 
 MAX_TRUTH_POINTS = 60_000
-"""Samples of all true tracks together."""
+"""Samples of all true tracks."""
 MAX_BELIEF_POINTS = 40_000
-"""Samples of all believed tracks together."""
+"""Samples of all believed tracks."""
 MAX_PER_TRACK = 3_000
 MAX_CITY_VERTICES = 60_000
-"""Corners of all drawn buildings together; the nearest to the flights are kept."""
+"""Corners of all drawn buildings; those nearest to the flights are kept."""
 TOLERANCE_M = 0.02
-"""A dropped sample lies no further than this from the drawn line, unless the budgets above force it to."""
+"""A dropped sample lies no farther than this from the drawn line, unless a track exceeds the limits above."""
 _SPEED_WEIGHT_S = 0.3
-"""How many metres of departure one m/s of speed counts for when tracks are thinned."""
+"""When tracks are thinned, an error of 1 m/s in speed weighs as much as so many metres in position."""
 
 Floats = NDArray[np.float64]
 
 
-def embed(run: Gathered) -> tuple[dict[str, Any], dict[str, int]]:
-    """The data, and what had to be left out: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
+def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
+    """The data, and counts of the record and the page: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
     fleet = run.fleet
     places = {name: number for number, name in enumerate(run.operator_inks)}
     notes = {"points": 0, "points_drawn": 0, "buildings": len(run.record.city), "buildings_drawn": 0}
@@ -84,7 +84,7 @@ def _thinned(track: Track, fourth: Floats, budget: int) -> NDArray[np.int64]:
 
 
 def _packed(track: Track, fourth: Floats, rows: NDArray[np.int64]) -> dict[str, list[int]]:
-    """`t` in centiseconds; `e`, `n`, `u` and `x` (speed or gap) in hundredths; all as differences."""
+    """`t` in centiseconds; `e`, `n`, `u` and `x` (speed or distance from truth) in hundredths; all as differences."""
     columns = (track.time_ns[rows] * 1e-9, *track.enu_m[rows].T, fourth[rows])
     return {name: _differences(column * 100.0) for name, column in zip("tenux", columns, strict=True)}
 
@@ -121,7 +121,7 @@ def _buildings(city: Sequence[Mapping[str, Any]], centre: Floats) -> dict[str, l
 
 
 def _ring(ring: Floats) -> list[int]:
-    """One outline, without the repeated last corner."""
+    """One outline without the repeated last corner."""
     if len(ring) > 3 and np.allclose(ring[0], ring[-1]):
         ring = ring[:-1]
     whole = np.rint(ring * 10).astype(np.int64)

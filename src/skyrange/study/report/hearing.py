@@ -1,4 +1,4 @@
-"""Receptions: a map of where hostile broadcasts were heard and how strong, and tables of who heard whom."""
+"""Receptions: a map of where hostile broadcasts were received, and tables of sender and receiver."""
 
 from __future__ import annotations
 
@@ -21,17 +21,15 @@ from skyrange.study.symbols import Place, draw_places
 MAX_DOTS = 4_000
 MAX_PAIRS = 300
 MIN_EXTENT_M = 150.0
-"""The map shows this much each way: who hears whom is the work of the buildings around."""
+"""Least extent of the map in each direction, so that it shows the buildings that shape reception."""
 
 _STEPS_DBM = (-95.0, -85.0, -75.0, -65.0)
 _COLOURS = ("#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#f7d13d")
 """Weak to strong, after the magma map of matplotlib (public domain), which also reads in grey."""
 
 
-def hearing_map(subject: Subject, heard: Receptions, places: Mapping[str, Place]) -> Figure:
-    """A dot where a receiver was when a broadcast reached it, coloured by its strength; hollow where it was not
-    decoded.
-    """
+def draw_reception_map(subject: Subject, heard: Receptions, places: Mapping[str, Place]) -> Figure:
+    """Draw a dot at the receiver's position for each reception, coloured by signal strength, hollow if not decoded."""
     shown = [heard.enu_m, *(np.array([place]) for place in places.values())]
     base = fit_map(shown, subject.city, 760.0, MIN_EXTENT_M)
     body = [base.draw_buildings()]
@@ -48,8 +46,8 @@ def hearing_map(subject: Subject, heard: Receptions, places: Mapping[str, Place]
     return svg.document(base.width, base.height, title, body)
 
 
-def hearing_table(rows: Sequence[Hearing]) -> Markup:
-    """Table of who heard whom, decoded or not."""
+def render_receptions(rows: Sequence[Hearing]) -> Markup:
+    """Render the receptions of a pair's attacked run, decoded or not, by sender and receiver."""
     return render(
         "receptions.html.jinja",
         texts=["sender", "receiver"],
@@ -71,9 +69,10 @@ def hearing_table(rows: Sequence[Hearing]) -> Markup:
     )
 
 
-def air(rows: Sequence[Hearing], fleet: int, end_s: float) -> Mapping[str, Any] | None:
-    """Who was heard by each receiver of a run of `fleet` aircraft, how strong, and how long ago at `end_s`; `None`
-    where nobody heard anybody.
+def reception_section(rows: Sequence[Hearing], fleet: int, end_s: float) -> Mapping[str, Any] | None:
+    """Table of the senders that each receiver of a run decoded, and which receivers it lists; `None` if there is none.
+
+    `fleet` is the number of aircraft; the age of the last reception is taken at `end_s`.
     """
     if not rows:
         return None

@@ -11,13 +11,13 @@ from skyrange.agent.frames import Fate
 from skyrange.core.ids import owner_of
 from skyrange.study.linkstats import LinkStats, summed
 from skyrange.study.report import words
-from skyrange.study.report.gathered import Gathered
+from skyrange.study.report.gathered import RunContents
 from skyrange.study.report.rendering import render
 from skyrange.study.svg import format_number
 
 
-def links(run: Gathered) -> Markup:
-    """Totals by link kind, then every instance, folded by operator."""
+def render_links(run: RunContents) -> Markup:
+    """Render the totals by kind of link, then a folded table of link instances per operator."""
     seconds = max(run.recorded_ns - min(run.start_ns, 0), 1) * 1e-9
     roles = _roles(run.manifest)
     folds = []
@@ -41,7 +41,7 @@ def links(run: Gathered) -> Markup:
 
 
 def _row(stats: LinkStats, name: str, roles: Mapping[tuple[str, str], str], seconds: float) -> Mapping[str, Any]:
-    """One direction of one link, or the sum of several. A delivered part is never rounded up to all."""
+    """One direction of one link, or the sum of several. A delivered share below 100 % is not rounded up to 100 %."""
     lost, overflow = stats.fates.get(Fate.LOST, 0), stats.fates.get(Fate.OVERFLOW, 0)
     part = 100 * stats.delivered / stats.sent if stats.sent else 0.0
     return {
@@ -62,7 +62,7 @@ def _row(stats: LinkStats, name: str, roles: Mapping[tuple[str, str], str], seco
 
 
 def _roles(manifest: Any) -> dict[tuple[str, str], str]:
-    """`gcs → companion` for each kind and direction, from the ends that the manifest names."""
+    """For each kind and direction of link its ends, as `gcs → companion`, from the manifest."""
     found = {}
     for row in manifest.get("links") or []:
         kind = str(row.get("name", "")).split(":", 1)[0]

@@ -1,4 +1,4 @@
-"""Page of one run: its sections, styles, script and data in one file, sealed by a content policy."""
+"""Page of a run: sections, style, script and data in one file, with a content security policy."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from skyrange.core.time import NS_PER_S
 from skyrange.study import figures
 from skyrange.study.palette import Ink
 from skyrange.study.report import hearing, linktable, sections, timeline, words
-from skyrange.study.report.embedded import embed
-from skyrange.study.report.gathered import Gathered, gather
+from skyrange.study.report.embedded import pack_scene
+from skyrange.study.report.gathered import RunContents, read_run
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.series import Record
 from skyrange.study.subject import Subject
 
 SCRIPTS = ("base.js", "city.js", "gl.js", "flat.js", "scene.js", "panels.js", "chart.js", "page.js")
-"""The page's script, in order; one function scope around all of them."""
+"""Parts of the page's script in order, wrapped in one function."""
 
 
 def render_run(record: Record) -> str:
-    """The whole page as text."""
-    run = gather(record)
-    scene, notes = embed(run)
+    """The page as text."""
+    run = read_run(record)
+    scene, notes = pack_scene(run)
     style = asset("style.css") + ink_rules(run.operator_inks, run.subject)
     script = Markup('"use strict";(()=>{\n') + Markup("\n").join(asset(name) for name in SCRIPTS) + Markup("\n})();")
     return render(
@@ -38,27 +38,27 @@ def render_run(record: Record) -> str:
         **sections.identity(run),
         numbers=sections.numbers(run),
         overview=figures.draw_overview(run.subject, run.truth, run.marks),
-        outcomes=sections.outcomes(run),
+        outcomes=sections.render_outcomes(run),
         panels=_panels(run),
         plan=figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks),
         marked=bool(run.marks),
         altitude=figures.draw_altitude(run.subject, run.truth),
-        gaps=sections.gaps(run),
+        gaps=sections.render_gaps(run),
         quiet=timeline.quiet_end(run),
         recorded=words.duration(run.recorded_ns / NS_PER_S),
-        lanes=timeline.lanes(run),
-        links=linktable.links(run),
-        air=hearing.air(run.hearings, len(run.fleet), run.recorded_ns / NS_PER_S),
-        events=timeline.table([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
-        decisions=timeline.table(run.decisions, run, "decisions", "Decisions of ground stations"),
+        lanes=timeline.render_lanes(run),
+        links=linktable.render_links(run),
+        air=hearing.reception_section(run.hearings, len(run.fleet), run.recorded_ns / NS_PER_S),
+        events=timeline.render_happenings([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
+        decisions=timeline.render_happenings(run.decisions, run, "decisions", "Decisions of ground stations"),
         folder=str(run.record.path),
         left_out=sections.left_out(notes),
         digests=run.manifest.get("digests") or {},
     )
 
 
-def _panels(run: Gathered) -> Sequence[Mapping[str, Any]]:
-    """One figure per operator: drawn by the script where there is one, else the still picture."""
+def _panels(run: RunContents) -> Sequence[Mapping[str, Any]]:
+    """One still figure per operator, which the page's script replaces by one that turns."""
     panels = []
     for operator in run.operator_inks:
         own = [vehicle for vehicle in run.fleet if vehicle.operator == operator]
@@ -76,7 +76,7 @@ def _panels(run: Gathered) -> Sequence[Mapping[str, Any]]:
 
 
 def ink_rules(operator_inks: Mapping[str, Ink], subject: Subject) -> Markup:
-    """The colours of operators and aircraft as custom properties, for a light and for a dark page."""
+    """CSS rules with the colours of operators and aircraft, for light and dark pages."""
     return render(
         "inks.css.jinja",
         inks=[

@@ -1,4 +1,4 @@
-"""Rendering of pages: one Jinja2 environment that escapes all text, and the style and script files beside it."""
+"""Template environment of the reports: Jinja2 with autoescape, and the style and script files of the pages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skyrange.study.report import words
 
 @cache
 def environment() -> Environment:
-    """The templates of the reports. What a template is given is escaped, unless a template or a drawing made it."""
+    """The Jinja2 environment. It escapes all values except markup that one of its templates or a drawing made."""
     made = Environment(
         loader=PackageLoader("skyrange.study.report"),
         autoescape=True,
@@ -31,18 +31,18 @@ def environment() -> Environment:
 
 
 def render(template: str, **values: Any) -> Markup:
-    """The text of a template of the folder `templates`, ready to stand in another one."""
+    """Render a template of the folder `templates`; the result is markup that another template does not escape."""
     return Markup(environment().get_template(template).render(values))  # noqa: S704 - the template has escaped
 
 
 def asset(name: str) -> Markup:
-    """A style or script file of the folder `assets`, as it is."""
+    """The text of a style or script file of the folder `assets`."""
     text = files("skyrange.study.report").joinpath("assets", name).read_text(encoding="utf-8")
     return Markup(text)  # noqa: S704 - a file of this package
 
 
 def content_policy(style: str, script: str | None = None) -> str:
-    """A Content-Security-Policy under which nothing may be fetched and only this very style and script count."""
+    """A Content-Security-Policy that forbids all requests and admits only this style and script, by their hashes."""
     allowed = f" script-src '{_digest(script)}';" if script is not None else ""
     return f"default-src 'none'; style-src '{_digest(style)}';{allowed} base-uri 'none'; form-action 'none'"
 

@@ -1,4 +1,4 @@
-"""Head of the page and its tables of outcomes and of belief against truth."""
+"""Head of a run's page, and its tables of mission outcomes and of belief against truth."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from skyrange.study.flights import Flight
 from skyrange.study.report import words
-from skyrange.study.report.gathered import Gathered
+from skyrange.study.report.gathered import RunContents
 from skyrange.study.report.rendering import render
 from skyrange.study.series import Track
 from skyrange.study.svg import format_number
@@ -27,8 +27,8 @@ _BADGES = {"complete": ("ok", "complete"), "failed": ("bad", "failed"), "unfinis
 _WORST_FIRST = {"failed": 0, "unfinished": 1, "complete": 2}
 
 
-def warning(run: Gathered) -> Mapping[str, str] | None:
-    """Title, text and reason of the banner on a run that did not complete."""
+def warning(run: RunContents) -> Mapping[str, str] | None:
+    """Title, text and reason of the banner of a run that did not complete; `None` for one that did."""
     if run.status == "complete":
         return None
     title, text = _WARNINGS.get(run.status, (f"Status: {run.status}", "This run did not complete."))
@@ -36,7 +36,7 @@ def warning(run: Gathered) -> Mapping[str, str] | None:
     return {"title": title, "text": text, "reason": str(reason)}
 
 
-def identity(run: Gathered) -> Mapping[str, Any]:
+def identity(run: RunContents) -> Mapping[str, Any]:
     """The run's name, status, facts and fingerprint."""
     manifest = run.manifest
     return {
@@ -55,8 +55,8 @@ def identity(run: Gathered) -> Mapping[str, Any]:
     }
 
 
-def numbers(run: Gathered) -> list[tuple[str, Any, Any]]:
-    """The run at a glance: name, value and what stands below it."""
+def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
+    """Tiles at the top of the page: name, value and caption."""
     timings = run.manifest.get("timings") or {}
     wall = timings.get("wall_s")
     simulated = float(run.manifest.get("simulated_s") or run.recorded_ns * 1e-9)
@@ -80,15 +80,15 @@ def numbers(run: Gathered) -> list[tuple[str, Any, Any]]:
     ]
 
 
-def outcomes(run: Gathered) -> Markup:
-    """One row per aircraft, those that failed first: how its mission ended and what its flight was like."""
+def render_outcomes(run: RunContents) -> Markup:
+    """Render the outcome and the flight of each aircraft, failed missions first."""
     top = max((flight.max_up_m or 0.0 for flight in run.flights), default=1.0)
     order = sorted(enumerate(run.flights), key=lambda row: _WORST_FIRST.get(row[1].state, 1))
     return render("run/outcomes.html.jinja", rows=[_outcome(run, index, flight, top) for index, flight in order])
 
 
-def gaps(run: Gathered) -> Markup:
-    """How far each ground station's picture was from the truth at most, with a bar, worst first."""
+def render_gaps(run: RunContents) -> Markup:
+    """Render the distance between belief and truth of each aircraft, the largest first."""
     known = [(index, flight) for index, flight in enumerate(run.flights) if flight.max_gap_m is not None]
     known.sort(key=lambda row: -(row[1].max_gap_m or 0.0))
     worst = max((flight.max_gap_m or 0.0 for _, flight in known), default=0.0)
@@ -96,7 +96,7 @@ def gaps(run: Gathered) -> Markup:
 
 
 def left_out(notes: Mapping[str, int]) -> str:
-    """What the page draws only a part of, in words; `notes` are those of `embedded.embed`."""
+    """What the page shows only in part, in words; `notes` are the counts of `embedded.pack_scene`."""
     thinned = (("points", "samples of tracks"), ("buildings", "buildings, the nearest to the flights,"))
     return " and ".join(
         f"{words.count(notes[f'{what}_drawn'])} of {words.count(notes[what])} {said}"
@@ -105,7 +105,7 @@ def left_out(notes: Mapping[str, int]) -> str:
     )
 
 
-def _outcome(run: Gathered, index: int, flight: Flight, top: float) -> Mapping[str, Any]:
+def _outcome(run: RunContents, index: int, flight: Flight, top: float) -> Mapping[str, Any]:
     badge, state = _BADGES.get(flight.state, ("wait", flight.state))
     vehicle = flight.vehicle
     return {
@@ -142,8 +142,8 @@ def _gap(index: int, flight: Flight, worst: float) -> Mapping[str, Any]:
     }
 
 
-def _heights(track: Track, top: float, run: Gathered) -> Mapping[str, str]:
-    """Points of a small chart of altitude over the whole run, one scale for all rows; first and last are abscissas."""
+def _heights(track: Track, top: float, run: RunContents) -> Mapping[str, str]:
+    """Points of a small chart of altitude over time, on one scale for all rows, and their first and last abscissa."""
     if not len(track):
         return {"heights": "", "first": "", "last": ""}
     span = max(run.end_ns - run.start_ns, 1)

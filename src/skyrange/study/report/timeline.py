@@ -1,4 +1,4 @@
-"""Timeline: a lane of events per aircraft, and the tables behind them."""
+"""Timeline of a run: one lane of modes and events per aircraft, and tables of events and decisions."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_S
 from skyrange.study.marks import alarming
 from skyrange.study.report import words
-from skyrange.study.report.gathered import Gathered
+from skyrange.study.report.gathered import RunContents
 from skyrange.study.report.rendering import render
 from skyrange.study.series import Happening, Vehicle
 from skyrange.study.svg import format_tick, ticks
 
 MAX_MARKS = 400
-"""Marks drawn in one lane; later ones are in the table."""
+"""Marks drawn in one lane; the table has more."""
 MAX_LANES = 24
-"""Lanes of a larger fleet scroll in a box of their own, below a time axis that stays."""
+"""With more aircraft the lanes scroll in a box below a fixed time axis."""
 MAX_ROWS = 1_500
 """Rows of one table on the page."""
 
 HARD_MPS = 2.0
-"""A ground contact faster than this is marked red; ArduCopter's LAND_SPEED is 0.5 m/s by default."""
+"""A ground contact at a higher speed is drawn as a crash; ArduCopter's LAND_SPEED is 0.5 m/s by default."""
 
 _SYMBOLS = {
     "event.armed": ("armed", "armed"),
@@ -46,15 +46,15 @@ _SYMBOLS = {
 }
 
 
-def quiet_end(run: Gathered) -> words.Quantity | None:
-    """How long the run went on after the views' end with nothing to see; `None` where that is next to nothing."""
+def quiet_end(run: RunContents) -> words.Quantity | None:
+    """Duration of the record after the end of the page's clock; `None` if it is less than 5 % of the record."""
     if run.recorded_ns - run.end_ns < 0.05 * run.recorded_ns:
         return None
     return words.duration((run.recorded_ns - run.end_ns) / NS_PER_S)
 
 
-def lanes(run: Gathered) -> Markup:
-    """One lane per aircraft: its modes as bands, its events as marks, hostile acts on it as red strokes."""
+def render_lanes(run: RunContents) -> Markup:
+    """Render one lane per aircraft: modes as bands, events as marks, hostile acts as red strokes."""
     by_owner: dict[str, list[Happening]] = {}
     for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
         by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
@@ -74,8 +74,8 @@ def lanes(run: Gathered) -> Markup:
     )
 
 
-def table(rows: Sequence[Happening], run: Gathered, name: str, title: str) -> Markup:
-    """A table that the page's script filters by text and kind; a row jumps to its time."""
+def render_happenings(rows: Sequence[Happening], run: RunContents, name: str, title: str) -> Markup:
+    """Render a table of events or decisions, which the page's script filters and whose rows set the clock."""
     shown = sorted(rows, key=lambda row: row.time_ns)[:MAX_ROWS]
     places = {vehicle.id: index for index, vehicle in enumerate(run.fleet)}
     return render(
@@ -104,7 +104,7 @@ def _row(row: Happening, places: Mapping[str, int]) -> Mapping[str, Any]:
 
 
 def _lane(
-    run: Gathered, index: int, vehicle: Vehicle, own: Sequence[Happening], modes: dict[str, int]
+    run: RunContents, index: int, vehicle: Vehicle, own: Sequence[Happening], modes: dict[str, int]
 ) -> Mapping[str, Any]:
     return {
         "index": index,
@@ -115,13 +115,13 @@ def _lane(
     }
 
 
-def _part(run: Gathered, time_ns: int) -> str:
-    """Where a moment lies between the run's start and end, in percent."""
+def _part(run: RunContents, time_ns: int) -> str:
+    """Position of a time between the start and end of the page's clock, in percent."""
     return f"{100 * min(max((time_ns - run.start_ns) / (run.end_ns - run.start_ns), 0.0), 1.0):.2f}"
 
 
-def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> Sequence[Mapping[str, Any]]:
-    """The flight modes of one aircraft; a mode that is new gets the next number in `modes`."""
+def _bands(run: RunContents, own: Sequence[Happening], modes: dict[str, int]) -> Sequence[Mapping[str, Any]]:
+    """The flight modes of one aircraft; `modes` numbers them in order of appearance and is extended."""
     changes = [row for row in own if row.kind == "event.mode"]
     bands = []
     ends = [row.time_ns for row in changes[1:]] + [run.end_ns]
@@ -141,7 +141,7 @@ def _bands(run: Gathered, own: Sequence[Happening], modes: dict[str, int]) -> Se
     return bands
 
 
-def _marks(run: Gathered, own: Sequence[Happening]) -> Sequence[Mapping[str, str]]:
+def _marks(run: RunContents, own: Sequence[Happening]) -> Sequence[Mapping[str, str]]:
     marks = []
     for row in [row for row in own if row.kind != "event.mode" or alarming(row)][:MAX_MARKS]:
         said = " ".join(f"{key} {value}" for key, value in row.data.items())
@@ -151,7 +151,7 @@ def _marks(run: Gathered, own: Sequence[Happening]) -> Sequence[Mapping[str, str
 
 
 def _symbol(row: Happening) -> str:
-    """The name of the symbol of an event, as the template draws them."""
+    """The name under which the template draws an event's symbol."""
     if row.kind.startswith("attack."):
         return "attack"
     if row.kind == "event.mode":
@@ -166,8 +166,8 @@ def _symbol(row: Happening) -> str:
     return _SYMBOLS.get(row.kind, ("other", ""))[0]
 
 
-def _ticks(run: Gathered) -> list[tuple[str, str]]:
-    """Places in percent and texts of the ticks of the time axis."""
+def _ticks(run: RunContents) -> list[tuple[str, str]]:
+    """Positions in percent and texts of the ticks of the time axis."""
     values, step = ticks(run.start_ns * 1e-9, run.end_ns * 1e-9, 10)
     return [
         (_part(run, round(value * NS_PER_S)), format_tick(value, step))
@@ -176,8 +176,8 @@ def _ticks(run: Gathered) -> list[tuple[str, str]]:
     ]
 
 
-def _legend(run: Gathered) -> list[tuple[str, str]]:
-    """The symbols that are drawn and what they mean."""
+def _legend(run: RunContents) -> list[tuple[str, str]]:
+    """Names and meanings of the symbols in use."""
     seen = {row.kind for row in run.events if _symbol(row) == _SYMBOLS.get(row.kind, ("", ""))[0]}
     used = [pair for kind, pair in _SYMBOLS.items() if kind in seen]
     if any(alarming(row) == "failsafe" for row in run.events):
@@ -192,7 +192,7 @@ def _legend(run: Gathered) -> list[tuple[str, str]]:
 
 
 def _spoken(vehicle: str, own: Sequence[Happening]) -> str:
-    """The lane in words, for a screen reader."""
+    """Description of a lane for screen readers."""
     said = []
     for row in own[:20]:
         what = row.data.get("mode") if row.kind == "event.mode" else row.kind.split(".", 1)[-1].replace("_", " ")

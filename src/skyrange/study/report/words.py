@@ -1,4 +1,4 @@
-"""Quantities as they are written on the pages: numbers with units, and what is missing."""
+"""Quantities as text: numbers with units, counts, durations, sizes, and missing values."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ import math
 from typing import Any, Final
 
 Quantity = tuple[tuple[str, str], ...]
-"""Numbers and their units, "" for none, in the order in which they are written: `(("3", "min"), ("05", "s"))`."""
+"""Pairs of number and unit ("" for none), in the order written: `(("3", "min"), ("05", "s"))`."""
 
 MISSING: Final[Quantity] = ()
-"""Written as a dash."""
+"""A missing quantity, shown as a dash."""
 
 
 def count(value: int | float) -> str:
-    """12 345 with thin spaces."""
+    """A whole number with thin spaces between thousands, such as 12 345."""
     return f"{int(value):,}".replace(",", "\u202f")
 
 
 def quantity(value: float | None, unit: str, decimals: int = 1) -> Quantity:
-    """A number and its unit."""
+    """A number with its unit; missing if it is `None` or not finite."""
     if value is None or not math.isfinite(value):
         return MISSING
     return ((f"{value:,.{decimals}f}".replace(",", "\u202f"), unit),)
 
 
 def signed(value: float | None, unit: str, decimals: int) -> Quantity:
-    """A difference with its sign and unit; zero has no sign."""
+    """A difference with its sign and unit; zero is written without a sign."""
     if value is None:
         return MISSING
     text = f"{value:+.{decimals}f}"
@@ -36,7 +36,7 @@ def signed(value: float | None, unit: str, decimals: int) -> Quantity:
 
 
 def duration(seconds: float | None) -> Quantity:
-    """`8.2 s`, `3 min 05 s` or `1 h 02 min`."""
+    """A duration, such as 8.2 s, 3 min 05 s or 1 h 02 min."""
     if seconds is None or not math.isfinite(seconds):
         return MISSING
     if seconds < 100:
@@ -48,7 +48,7 @@ def duration(seconds: float | None) -> Quantity:
 
 
 def size(octets: float) -> Quantity:
-    """Bytes with a decimal prefix."""
+    """A number of bytes with a decimal prefix."""
     for unit, scale in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if octets >= scale:
             return quantity(octets / scale, unit, 1 if octets >= 10 * scale else 2)
@@ -56,14 +56,14 @@ def size(octets: float) -> Quantity:
 
 
 def latency(seconds: float) -> Quantity:
-    """A latency in µs or ms."""
+    """A latency in µs below 1 ms, in ms above."""
     if not math.isfinite(seconds):
         return MISSING
     return quantity(seconds * 1e6, "µs", 0) if seconds < 1e-3 else quantity(seconds * 1e3, "ms", 1)
 
 
 def scalar(value: Any) -> str:
-    """A value of an event's details: six digits of a number, a text as it is, JSON of all else."""
+    """A value of an event's data as text: a float with six digits, a string unchanged, anything else as JSON."""
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value, default=str)

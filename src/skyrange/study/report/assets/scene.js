@@ -1,4 +1,4 @@
-// The flight in three dimensions: a camera that people move, a renderer, and what is written over the picture.
+// Three-dimensional scene: a movable camera, a renderer, and a canvas of names and symbols above it.
 const bounds = (() => {
   const low = [Infinity, Infinity, 0], high = [-Infinity, -Infinity, 1];
   const take = (e, n, u) => [e, n, u].forEach((x, k) => { low[k] = Math.min(low[k], x); high[k] = Math.max(high[k], x); });
