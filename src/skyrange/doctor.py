@@ -79,7 +79,7 @@ def _ardupilot() -> Finding:
         hint = f"Optional. {error}"
         return Finding("ardupilot", f"{what}; does not run as it should", False, hint, optional=True)
     least = ".".join(map(str, SUPPORTED))
-    hint = "" if order(binary.version)[0][:2] >= SUPPORTED else f"Older than {least}; not tested."
+    hint = "" if order(binary.version)[0][:2] >= SUPPORTED else f"Flights are expected to work from version {least}."
     return Finding("ardupilot", f"{what}; runs; has {can}", hint=hint, optional=True)
 
 

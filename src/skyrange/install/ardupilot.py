@@ -44,9 +44,7 @@ BOARD: Final = "SITL_x86_64_linux_gnu"
 
 _NO_NETWORK_HINT: Final = f"Without a network use --from FILE; {VARIABLE} names a mirror."
 
-_OTHER_CONTENT_HINT: Final = (
-    "A proxy or a log-in page may answer instead of the server. --from FILE installs a file from elsewhere."
-)
+_OTHER_CONTENT_HINT: Final = "A proxy or a log-in page may have answered. --from FILE installs a file from elsewhere."
 
 
 class Installed(NamedTuple):
