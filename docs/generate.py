@@ -229,9 +229,9 @@ def tables() -> str:
 
 def pair_tables() -> str:
     """The tables of a pair's folder."""
-    from skyrange.study import effects, tracing
+    from skyrange.study import effects, pair_folder, tracing
 
-    return _tables({"effects.parquet": effects.COLUMNS, "labels.parquet": tracing.COLUMNS})
+    return _tables({pair_folder.EFFECTS: effects.COLUMNS, pair_folder.PROPAGATION: tracing.COLUMNS})
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:

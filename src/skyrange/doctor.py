@@ -1,4 +1,4 @@
-"""What does this installation have, what is missing, and what is to be done about it?"""
+"""Diagnosis of the installation: what is present, what is missing, and how to add it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing looked at: what was found, whether it will do, and what to do if not.
+    """One item of the diagnosis: what was found, whether it is sufficient, and what to do if it is not.
 
-    The range works without one that is `optional`.
+    skyrange works without an `optional` item.
     """
 
     subject: str
@@ -29,12 +29,12 @@ class Finding:
     optional: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """For `--json`."""
+        """The finding as plain data, for `--json`."""
         return asdict(self)
 
 
 def examine() -> list[Finding]:
-    """Look at everything. Flies the smallest scenario for a second, which also fills the kernels' cache."""
+    """Examine the installation. Runs the smallest scenario for one second, which also fills the kernel cache."""
     return [_python(), *_packages(), *_plugins(), _ardupilot(), _writable(), _flight()]
 
 
@@ -60,7 +60,7 @@ def _plugins() -> list[Finding]:
 
 
 def _ardupilot() -> Finding:
-    """The arducopter that would fly: where, which, what it can, and whether it runs. A range works without."""
+    """The ArduCopter binary that a run would use: path, version, capabilities, and whether it runs."""
     from skyrange.io.answers import ask
     from skyrange.vehicle.ardupilot.binary import ANSWER_S, SUPPORTED, confirm, find, order
 
@@ -71,7 +71,7 @@ def _ardupilot() -> Finding:
         hint = f"Optional. {fault.hint or f'Expected {fault.expected}.'}"
         return Finding("ardupilot", f"{fault.value} ({error.who}: {fault.where})", False, hint, optional=True)
     what = f"ArduCopter {binary.version} ({binary.source}: {binary.path}), SHA-256 {binary.sha256[:16]}…"
-    can = ", ".join(binary.capabilities) or "no capability that is looked for"
+    can = ", ".join(binary.capabilities) or "none of the capabilities that skyrange uses"
     try:
         answer = ask(binary.path, "--help", deadline_s=ANSWER_S)
         confirm(str(binary.path), answer.ended, answer.text)
@@ -79,16 +79,16 @@ def _ardupilot() -> Finding:
         hint = f"Optional. {error}"
         return Finding("ardupilot", f"{what}; does not run as it should", False, hint, optional=True)
     least = ".".join(map(str, SUPPORTED))
-    hint = "" if order(binary.version)[0][:2] >= SUPPORTED else f"Expect trouble: older than {least}."
+    hint = "" if order(binary.version)[0][:2] >= SUPPORTED else f"Flights are expected to work from version {least}."
     return Finding("ardupilot", f"{what}; runs; has {can}", hint=hint, optional=True)
 
 
 def _writable() -> Finding:
     try:
         with tempfile.TemporaryDirectory(dir=Path.cwd()):
-            return Finding("working folder", f"{Path.cwd()} can be written")
+            return Finding("working folder", f"{Path.cwd()} is writable")
     except OSError as error:
-        hint = "Change to a folder of your own, or give `run` an --out DIR that can be written."
+        hint = "Change to a folder that you can write to, or give `run` such a folder with --out DIR."
         return Finding("working folder", f"{Path.cwd()}: {error.strerror}", False, hint)
 
 
@@ -103,5 +103,5 @@ def _flight() -> Finding:
     except SkyrangeError as error:
         return Finding("flight", str(error), False, "Please report this with the output of `skyrange doctor --json`.")
     return Finding(
-        "flight", f"a second of squares, kernels compiled and loaded, in {time.perf_counter() - began:.1f} s"
+        "flight", f"one second of squares, with compiled kernels loaded, in {time.perf_counter() - began:.1f} s"
     )

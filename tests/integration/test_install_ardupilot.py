@@ -216,12 +216,12 @@ def test_a_binary_that_does_not_end_is_killed(
 
 @pytest.mark.parametrize(
     ("manner", "said"),
-    [("cut", "broke off after"), ("silent", "sent nothing more for 0.3 s"), ("down", "answered 503")],
+    [("cut", "broke off after"), ("silent", "sent nothing for 0.3 s"), ("down", "answered 503")],
 )
 def test_a_broken_transfer_leaves_nothing_and_what_was_there(
     server: type[Server], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, manner: str, said: str
 ) -> None:
-    monkeypatch.setattr(downloading, "SILENCE_S", 0.3)
+    monkeypatch.setattr(downloading, "TIMEOUT_S", 0.3)
     before = install().binary
     monkeypatch.setattr(server, "manner", manner)
     with pytest.raises(ComponentError, match=said) as caught:
@@ -242,7 +242,7 @@ def test_a_cut_off_transfer_of_unknown_length_is_noticed(
 
 
 def test_a_file_without_end_is_refused(server: type[Server], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(downloading, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(downloading, "MAX_BYTES", 100_000)
     for manner in ("", "no length"):
         monkeypatch.setattr(server, "manner", manner)
         with pytest.raises(ComponentError, match="sends more than 100,000 bytes"):
@@ -310,7 +310,7 @@ def test_a_certificate_that_nobody_vouches_for_is_refused(
 @pytest.mark.parametrize(
     ("version", "said"),
     [
-        ("4.6.99", "--version: 4.6.99 — expected a released version that is there"),
+        ("4.6.99", "--version: 4.6.99 — expected a version that the server has"),
         ("latest", "expected a release, such as"),
         ("4.6", "expected a release, such as"),
         ("../../etc", "expected a release, such as"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 from pathlib import Path
@@ -17,7 +18,8 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.record import RunRecord, load
 from skyrange.scenario.load import load_text
 from skyrange.study.diff import diff
-from skyrange.study.pairing import Pair, load_pair, pair
+from skyrange.study.pair_folder import Pair, load_pair
+from skyrange.study.pairing import pair
 from skyrange.study.parallel import fly_all
 from tests.hostile_kind import KIND, Homeward, Orders, offered, scenario
 from tests.hostile_kind import make as make_homeward
@@ -86,7 +88,7 @@ def test_the_other_aircraft_is_untouched(made: Pair) -> None:
 
 
 def test_labels_have_every_act_and_what_came_of_it(made: Pair) -> None:
-    rows = made.labels.to_pylist()
+    rows = made.propagation.to_pylist()
     acts = [row for row in rows if row["phase"] in ("onset", "act")]
     recorded = made.run("attacked").table("labels").to_pylist()
     assert [(row["frame"], row["at_ns"], row["attack"], row["link"]) for row in acts] == [
@@ -116,7 +118,7 @@ def test_the_folder_opens_again_and_has_its_page(made: Pair) -> None:
     again = load_pair(made.path)
     assert (again.arms, again.seeds, again.reference) == (["nominal", "attacked", "sham"], [4], "sham")
     page = made.report.read_text(encoding="utf-8")
-    assert "default-src &#x27;none&#x27;" in page
+    assert "default-src 'none'" in html.unescape(page)
     assert "<script" not in page
     for words in ("homeward", "From onset to effect", "gcs:blue/b1", "T0855", "in the twin", "Against the sham"):
         assert words in page
@@ -140,7 +142,7 @@ def test_seeds_make_an_ensemble(tmp_path: Path) -> None:
         found = pair(load_text(scenario(8.0, 12.0)), tmp_path / "out", seeds=2, jobs=2)
     assert found.seeds == [4, 5]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "effects.parquet", "labels.parquet", "pair.json", "report.html", "seed-4", "seed-5",
+        "effects.parquet", "pair.json", "propagation.parquet", "report.html", "seed-4", "seed-5",
     ]  # fmt: skip
     departures = [row["departure_m"] for row in found.effects.to_pylist() if row["vehicle"] == "blue/b1"]
     mean = found.intervals()["blue/b1"]["departure_m"]

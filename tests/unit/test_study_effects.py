@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from skyrange.agent.messages import Note
@@ -15,11 +17,12 @@ from skyrange.agent.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
+from skyrange.study import tracing
 from skyrange.study.effects import COLUMNS, departures, effect_rows, effects_table, measure, ticks_of
-from skyrange.study.pairing import intervals
+from skyrange.study.pair_folder import intervals, load_pair
 from skyrange.study.separation import approaches, least_to_walls_m
 from skyrange.study.spread import interval, t_quantile
-from skyrange.study.tracing import effects_of, labels_table, trace
+from skyrange.study.tracing import effects_of, propagation_table, trace
 from tests.unit.record_sample import make_frame
 
 S = NS_PER_S
@@ -212,7 +215,19 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
         ("x", "a/1", 3_500_000_000),
         (None, "a/2", 3_600_000_000),  # of two attacks, and nothing on record leads there
     ]
-    assert labels_table([*rows, *found]).num_rows == 9
+    assert propagation_table([*rows, *found]).num_rows == 9
+
+
+@pytest.mark.parametrize(
+    ("layout", "name"), [("skyrange.pair/2", "propagation.parquet"), ("skyrange.pair/1", "labels.parquet")]
+)
+def test_the_folder_of_a_pair_is_read_in_both_layouts(layout: str, name: str, tmp_path: Path) -> None:
+    row = dict.fromkeys(column.name for column in tracing.COLUMNS) | {
+        "seed": 4, "phase": "onset", "at_ns": S, "attack": "x", "kind": "send", "source": "x.radio"
+    }  # fmt: skip
+    (tmp_path / "pair.json").write_text(json.dumps({"format": layout, "arms": ["nominal", "attacked"], "seeds": [4]}))
+    pq.write_table(propagation_table([row]), tmp_path / name)
+    assert load_pair(tmp_path).propagation.to_pylist() == [row]
 
 
 def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from skyrange.core.errors import InputError, ShortfallError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from skyrange.study.pairing import Pair
+    from skyrange.study.pair_folder import Pair
 
 
 def print_json(data: Any) -> None:
@@ -92,7 +92,7 @@ def pair(
     """`skyrange pair`."""
     from skyrange.cli.progress import together
     from skyrange.scenario.catalogue import load
-    from skyrange.study.pairing import ARMS
+    from skyrange.study.pair_folder import ARMS
     from skyrange.study.pairing import pair as fly_pair
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
@@ -148,7 +148,7 @@ def _print_pair(made: Pair) -> None:
                 console.print(f"{row['vehicle']}: {row[f'{what}_twin']} {said} in the twin, {row[what]} attacked")
     if len(made.seeds) > 1:
         _print_intervals(console, made, {row["vehicle"] for row in rows if row["departed_s"] is not None})
-    acts = sum(row["phase"] in ("onset", "act") for row in made.labels.to_pylist())
+    acts = sum(row["phase"] in ("onset", "act") for row in made.propagation.to_pylist())
     console.print(f"{acts:,} hostile acts labelled in {len(made.seeds)} attacked run{'s' * (len(made.seeds) > 1)}")
     console.print(f"pair   {made.path}", soft_wrap=True, markup=False)
     console.print(f"report {made.report}", soft_wrap=True, markup=False)

@@ -1,1 +1,1 @@
-"""How do real engines get onto this machine? Downloaded from where their makers publish them, checked, put away."""
+"""Installation of external engines: downloaded from their publisher, verified, and stored."""

@@ -1,4 +1,4 @@
-"""How does ArduPilot get into the user's data folder? Its official SITL binary, downloaded or from a file, checked."""
+"""Installation of ArduPilot's official SITL binary in the user's data folder, from its server or from a file."""
 
 from __future__ import annotations
 
@@ -32,52 +32,53 @@ from skyrange.vehicle.ardupilot.binary import (
 )
 
 DEFAULT_VERSION: Final = "4.7.0"
-"""What is fetched if no version is asked for: a release, so that two machines get the same."""
+"""The version that is downloaded by default. It is a fixed release, so that two machines get the same one."""
 
 SERVER: Final = "https://firmware.ardupilot.org/Copter"
-"""Where ArduPilot publishes: folders `stable-VERSION`, in them one per board."""
+"""ArduPilot's server: folders `stable-VERSION`, each with one folder per board."""
 
 VARIABLE: Final = "SKYRANGE_ARDUPILOT_URL"
-"""Environment variable that names a mirror of `SERVER`, with the same folders."""
+"""Environment variable with the address of a mirror of `SERVER` that has the same folders."""
 
 BOARD: Final = "SITL_x86_64_linux_gnu"
 
-_WITHOUT_NETWORK: Final = f"With no network use --from FILE; a mirror is named by {VARIABLE}."
+_NO_NETWORK_HINT: Final = f"Without a network use --from FILE; {VARIABLE} names a mirror."
 
-_NOT_IT: Final = "Is a proxy or a log-in page in between? --from FILE takes a file that comes another way."
+_OTHER_CONTENT_HINT: Final = "A proxy or a log-in page may have answered. --from FILE installs a file from elsewhere."
 
 
 class Installed(NamedTuple):
-    """What was put where, and the address or file that it is from."""
+    """An installed binary, and the address or file from which it was installed."""
 
     binary: Binary
     origin: str
 
 
 def install(version: str | None = None, source: Path | None = None, on_progress: OnProgress | None = None) -> Installed:
-    """Put ArduCopter for SITL into the data folder: the release `version`, or the file `source`, whatever its version.
+    """Install ArduCopter for SITL in the data folder: the release `version`, or the file `source`.
 
-    It is looked into, must be that version, and must answer when it is run; only then does it take its place, at once,
-    of one already installed too. Raises `InputError` or `ComponentError`; nothing stays behind then.
+    The binary is examined, must be of `version` if one is given, and must answer when it is run. It then replaces an
+    installed binary of the same version in one step. Raises `InputError` or `ComponentError`; nothing is left behind
+    then.
     """
-    wanted = None if version is None else _release(version)
+    wanted = None if version is None else _parse_release(version)
     if source is None:
         wanted = wanted or DEFAULT_VERSION
-        url = _address(wanted)
-        with _beside() as (file, path):
+        url = _address_of(wanted)
+        with _temporary_file() as (file, path):
             try:
-                download(url, file, on_progress, _WITHOUT_NETWORK)
+                download(url, file, on_progress, _NO_NETWORK_HINT)
             except NotThereError as error:
-                expected = f"a released version that is there ({error})"
+                expected = f"a version that the server has ({error})"
                 raise InputError.one("skyrange install ardupilot", "--version", wanted, expected) from None
-            return Installed(_downloaded(file, path, wanted, url), url)
-    with _beside() as (file, path):
-        _copy(source, file, on_progress)
-        return Installed(_given(file, path, wanted, source), str(source.absolute()))
+            return Installed(_store_download(file, path, wanted, url), url)
+    with _temporary_file() as (file, path):
+        _copy_file(source, file, on_progress)
+        return Installed(_store_file(file, path, wanted, source), str(source.absolute()))
 
 
-def _release(version: str) -> str:
-    """The version asked for, as "4.6.3"."""
+def _parse_release(version: str) -> str:
+    """The requested version in the form "4.6.3"."""
     plain = version.strip().lower().removeprefix("stable-").removeprefix("v")
     who, least = "skyrange install ardupilot", ".".join(map(str, SUPPORTED))
     if re.fullmatch(r"\d{1,3}\.\d{1,3}\.\d{1,3}", plain) is None:
@@ -88,8 +89,8 @@ def _release(version: str) -> str:
     return plain
 
 
-def _address(version: str) -> str:
-    """Where that version is, for this machine."""
+def _address_of(version: str) -> str:
+    """The address of that version for this machine."""
     machine = platform.machine()
     if sys.platform != "linux" or machine.lower() not in ("x86_64", "amd64"):
         raise InputError.one(
@@ -110,32 +111,32 @@ def _address(version: str) -> str:
 
 
 @contextmanager
-def _beside() -> Iterator[tuple[IO[bytes], Path]]:
-    """A new file in the data folder, and its path; gone afterwards, unless it was moved to its place."""
+def _temporary_file() -> Iterator[tuple[IO[bytes], Path]]:
+    """Create a temporary file in the data folder; yields it and its path, and deletes it unless it was moved."""
     folder = data_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number, name = tempfile.mkstemp(prefix=f".{PROGRAM}-", dir=folder)
     except OSError as error:
-        raise _unwritable(folder, error) from None
+        raise _not_writable(folder, error) from None
     path = Path(name)
     try:
         with os.fdopen(number, "wb") as file:
             yield file, path
     except OSError as error:
-        raise _unwritable(folder, error) from None
+        raise _not_writable(folder, error) from None
     finally:
         path.unlink(missing_ok=True)
 
 
-def _unwritable(folder: Path, error: OSError) -> InputError:
+def _not_writable(folder: Path, error: OSError) -> InputError:
     problem = (error.strerror or str(error)).lower()
     expected = "a folder that can be written, with 10 MB of room"
     return InputError.one("data folder", str(folder), problem, expected, "XDG_DATA_HOME names another.")
 
 
-def _copy(source: Path, into: IO[bytes], on_progress: OnProgress | None) -> None:
-    """The file that was given, with no need of its exec bit."""
+def _copy_file(source: Path, into: IO[bytes], on_progress: OnProgress | None) -> None:
+    """Copy the given file, which need not be executable."""
     try:
         facts = source.stat()
         if not stat.S_ISREG(facts.st_mode):
@@ -152,26 +153,26 @@ def _copy(source: Path, into: IO[bytes], on_progress: OnProgress | None) -> None
         on_progress(len(data), len(data))
 
 
-def _downloaded(file: IO[bytes], path: Path, wanted: str, url: str) -> Binary:
-    """Check what the server sent, and put it into its place; the server is to blame for what is wrong."""
+def _store_download(file: IO[bytes], path: Path, wanted: str, url: str) -> Binary:
+    """Verify and store a downloaded file; raises `ComponentError`, which blames the server, if it is wrong."""
     try:
-        return _place(file, path, wanted, url)
+        return _store(file, path, wanted, url)
     except InputError as error:
         fault = error.faults[0]
         problem = f"sent {fault.value}; expected {fault.expected}"
-        raise ComponentError(urlsplit(url).netloc, problem, _NOT_IT) from None
+        raise ComponentError(urlsplit(url).netloc, problem, _OTHER_CONTENT_HINT) from None
 
 
-def _given(file: IO[bytes], path: Path, wanted: str | None, source: Path) -> Binary:
-    """Check the file that was given, and put it into its place."""
+def _store_file(file: IO[bytes], path: Path, wanted: str | None, source: Path) -> Binary:
+    """Verify and store the given file; raises `InputError` if it is wrong."""
     try:
-        return _place(file, path, wanted, str(source))
+        return _store(file, path, wanted, str(source))
     except InputError as error:
         raise InputError("--from", [replace(fault, where=str(source)) for fault in error.faults]) from None
 
 
-def _place(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Binary:
-    """Make the file at `path` runnable, look into it, run it, and move it to the folder of its version."""
+def _store(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Binary:
+    """Make the file at `path` executable, examine it, run it, and move it to the folder of its version."""
     file.flush()
     os.fsync(file.fileno())
     file.close()  # a file open for writing is not run

@@ -1,4 +1,4 @@
-"""How does a file come from a web server, whole or not at all?"""
+"""Download of a file by HTTP or HTTPS, complete or not at all."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from urllib.parse import urlsplit
 
 from skyrange.core.errors import ComponentError
 
-SILENCE_S: Final = 30.0
-"""A server that neither connects nor sends for so long (wall time) is given up."""
+TIMEOUT_S: Final = 30.0
+"""Timeout in seconds of wall time for connecting and for each read."""
 
-MOST_BYTES: Final = 256 << 20
-"""A larger file is refused."""
+MAX_BYTES: Final = 256 << 20
+"""Largest file that is accepted, in bytes."""
 
-_PIECE: Final = 1 << 16
+_CHUNK_BYTES: Final = 1 << 16
 
 OnProgress = Callable[[int, int | None], None]
-"""Called with the bytes done and, if it is known, their sum."""
+"""Called with the number of bytes received and, if known, the total."""
 
 
 class NotThereError(ComponentError):
-    """The server has no such file."""
+    """Raised if the server has no such file."""
 
 
 class _Redirects(urllib.request.HTTPRedirectHandler):
-    """Follows a server that sends on to another address, but never from https to http."""
+    """Handler that follows redirects, but never from https to http."""
 
     def redirect_request(
         self,
@@ -41,38 +41,38 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
         newurl: str,
     ) -> urllib.request.Request | None:
         if urlsplit(req.full_url).scheme == "https" and urlsplit(newurl).scheme != "https":
-            raise urllib.error.URLError(f"it sends on to {newurl}, which is not encrypted")
+            raise urllib.error.URLError(f"redirects to {newurl}, which is not encrypted")
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
 def download(url: str, into: IO[bytes], on_progress: OnProgress | None = None, hint: str = "") -> None:
-    """Write what stands at `url`, of http or https, to `into`.
+    """Write the file at the http or https address `url` to `into`.
 
-    TLS certificates are verified; proxies are those of the environment (`https_proxy`). Raises `NotThereError` if the
-    server does not know the address, `ComponentError` (with `hint`) if it is not reached, falls silent or stops early;
-    what `into` raises passes through.
+    TLS certificates are verified; proxies are taken from the environment (`https_proxy`). Raises `NotThereError` if the
+    server does not have the file, and `ComponentError` with `hint` if the server cannot be reached, stops sending or
+    closes early. Exceptions of `into` pass through.
     """
     done = 0
-    for piece, total in _pieces(url, hint):
+    for piece, total in _chunks(url, hint):
         into.write(piece)
         done += len(piece)
         if on_progress is not None:
             on_progress(done, total)
 
 
-def _pieces(url: str, hint: str) -> Iterator[tuple[bytes, int | None]]:
-    """What the server sends, piece by piece, each with the size of the whole if the server said it."""
+def _chunks(url: str, hint: str) -> Iterator[tuple[bytes, int | None]]:
+    """Chunks of the server's answer, each with the total size if the server states it."""
     who = urlsplit(url).netloc
     request = urllib.request.Request(url, headers={"User-Agent": "skyrange"})  # noqa: S310 - the caller's scheme
     done = 0
     total: int | None = None
     try:
-        with urllib.request.build_opener(_Redirects).open(request, timeout=SILENCE_S) as answer:
+        with urllib.request.build_opener(_Redirects).open(request, timeout=TIMEOUT_S) as answer:
             total = _size(answer.headers)
-            while piece := answer.read(_PIECE):
+            while piece := answer.read(_CHUNK_BYTES):
                 done += len(piece)
-                if max(done, total or 0) > MOST_BYTES:
-                    raise ComponentError(who, f"sends more than {MOST_BYTES:,} bytes", hint)
+                if max(done, total or 0) > MAX_BYTES:
+                    raise ComponentError(who, f"sends more than {MAX_BYTES:,} bytes", hint)
                 yield piece, total
     except urllib.error.HTTPError as error:
         if error.code in (404, 410):
@@ -81,7 +81,7 @@ def _pieces(url: str, hint: str) -> Iterator[tuple[bytes, int | None]]:
     except urllib.error.URLError as error:
         raise ComponentError(who, f"cannot be reached: {error.reason}", hint) from None
     except TimeoutError:
-        raise ComponentError(who, f"sent nothing more for {SILENCE_S:g} s, after {done:,} bytes", hint) from None
+        raise ComponentError(who, f"sent nothing for {TIMEOUT_S:g} s, after {done:,} bytes", hint) from None
     except (http.client.HTTPException, OSError) as error:
         raise ComponentError(who, f"broke off after {done:,} bytes: {error!r}", hint) from None
     if total is not None and done < total:
@@ -89,6 +89,6 @@ def _pieces(url: str, hint: str) -> Iterator[tuple[bytes, int | None]]:
 
 
 def _size(headers: Message) -> int | None:
-    """The length that the server states."""
+    """The Content-Length that the server states, if it is a number."""
     said = headers.get("Content-Length", "")
     return int(said) if said.isascii() and said.isdigit() else None

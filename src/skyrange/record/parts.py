@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.frames import Fate
 from skyrange.core.errors import InputError
+from skyrange.core.files import DRAFT
 from skyrange.core.time import NEVER, Time
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
@@ -38,7 +39,7 @@ _TIMES = {name: ["time_ns"] for name in TABLES} | {
     "labels": ["at_ns", "until_ns"],
     "frames": ["sent_ns", "arrived_ns"],
 }
-_OWN = {MANIFEST, f"{MANIFEST}.new", SPOOL, PARTS, "operators"}
+_OWN = {MANIFEST, f"{MANIFEST}{DRAFT}", SPOOL, PARTS, "operators"}
 
 Flow = tuple[str, str, str]
 """Link, direction and sender: what counts its frames by itself."""

@@ -1,26 +1,24 @@
-"""What went wrong, where and when? Collisions, crashes, breaches and failsafes as marks for timeline and map."""
+"""Mishaps of a run: collisions, crashes, fence breaches and failsafes, with time, position and description."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
 from skyrange.study.series import Happening, Record, Track, happenings, truth_tracks
-from skyrange.study.svg import number
 
 _KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
 _VIOLENT = frozenset({"collision", "crash"})
 _REASONS = frozenset({"gps_glitch", "fence_breached", "avoidance", "terrain_following_failed"})
-"""ArduCopter's ModeReasons besides those in …_failsafe that no pilot or mission gave (libraries/…/ModeReason.h)."""
+"""ArduCopter's ModeReasons, besides …_failsafe, that no pilot and no mission caused (libraries/…/ModeReason.h)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """`kind` is collision, crash, breach or failsafe; `enu_m` where the aircraft truly was."""
+    """A mishap. `kind` is collision, crash, breach or failsafe; `enu_m` is the true position of the aircraft."""
 
     time_ns: int
     vehicle: str
@@ -28,9 +26,14 @@ class Mark:
     enu_m: tuple[float, float, float]
     words: str
 
+    @property
+    def violent(self) -> bool:
+        """Whether it is a collision or a crash."""
+        return self.kind in _VIOLENT
+
 
 def alarming(row: Happening) -> str:
-    """The kind of mark that an event is worth, "" for none."""
+    """The kind of mishap that an event is, "" for none."""
     if row.kind == "event.mode":
         reason = str(row.data.get("reason", ""))
         return "failsafe" if reason.endswith("_failsafe") or reason in _REASONS else ""
@@ -38,7 +41,7 @@ def alarming(row: Happening) -> str:
 
 
 def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark]:
-    """A mark for every alarming event about an aircraft whose place is known, in time order."""
+    """The mishaps of aircraft whose true position is known, in order of time."""
     found = []
     for row in events:
         kind = alarming(row)
@@ -51,7 +54,7 @@ def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark
 
 
 def told_once(rows: Iterable[Happening]) -> list[Happening]:
-    """The alarming ones among events in time order; of the two that a collision makes, the first."""
+    """The mishaps among events in order of time; of the two events of a collision, the first."""
     seen: set[tuple[int, str, str]] = set()
     kept = []
     for row in rows:
@@ -64,7 +67,7 @@ def told_once(rows: Iterable[Happening]) -> list[Happening]:
 
 
 def undoing(events: Iterable[Happening]) -> dict[str, str]:
-    """By vehicle, in words, the first collision or crash that befell it: why its ground station saw it stop."""
+    """By vehicle, a description of its first collision or crash."""
     found: dict[str, str] = {}
     for row in sorted(events, key=lambda row: row.time_ns):
         if alarming(row) in _VIOLENT:
@@ -73,7 +76,7 @@ def undoing(events: Iterable[Happening]) -> dict[str, str]:
 
 
 def said(row: Happening) -> str:
-    """An alarming event in words: about whom, what, how fast and with what energy, when."""
+    """Description of a mishap: aircraft, what happened, speed and energy, time."""
     what = _what(row)
     if row.kind in ("event.collision", "event.crash"):
         if isinstance(speed := row.data.get("speed_mps"), (int, float)):
@@ -92,22 +95,10 @@ def _what(row: Happening) -> str:
 
 
 def by_weight(found: Iterable[Mark]) -> list[Mark]:
-    """In the order to draw them, so that a failsafe after a crash does not cover the crash."""
-    return sorted(found, key=lambda mark: mark.kind in _VIOLENT)
-
-
-def drawn(mark: Mark, x: float, y: float) -> str:
-    """SVG at a pixel: a cross for a collision or crash, a triangle for what turned an aircraft around."""
-    violent = mark.kind in _VIOLENT
-    shape = "M-6 -6L6 6M6 -6L-6 6" if violent else "M0 -7L7 5H-7z"
-    return (
-        f'<g class="mishap" transform="translate({number(x)} {number(y)})">'
-        f'<path d="{shape}" fill="none" stroke="#fff" stroke-width="5" stroke-opacity=".85"/>'
-        f'<path d="{shape}" fill="{"none" if violent else "#e08a00"}" stroke="{"#c81e1e" if violent else "#8a4f00"}" '
-        f'stroke-width="{2.6 if violent else 1.2}" stroke-linecap="round"/><title>{escape(mark.words)}</title></g>'
-    )
+    """Drawing order: collisions and crashes last, so that no failsafe covers them."""
+    return sorted(found, key=lambda mark: mark.violent)
 
 
 def marks_of(record: Record) -> list[Mark]:
-    """The marks of a run."""
+    """The mishaps of a run."""
     return marks(happenings(record, "events"), truth_tracks(record))

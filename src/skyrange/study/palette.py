@@ -1,9 +1,9 @@
-"""Which colour is an operator drawn in, and which shade an aircraft, on white and on black?
+"""Colours of operators and shades of their aircraft, for light and dark backgrounds.
 
-Operators without a colour take the Okabe–Ito palette (Okabe & Ito, "Color Universal Design", 2008), told apart
-with any common colour vision; plain colour names mean their nearest colour there. Shades are made in Oklab
-(Ottosson, 2020, https://bottosson.github.io/posts/oklab/), where equal steps of lightness look equal, and held to the
-3:1 contrast that WCAG 2.2 asks of graphics (success criterion 1.4.11).
+Operators without a colour get one of the Okabe–Ito palette (Okabe & Ito, "Color Universal Design", 2008), whose colours
+can be distinguished with any common colour vision; colour names mean the nearest colour of that palette. Shades are
+made in Oklab (Ottosson, 2020, https://bottosson.github.io/posts/oklab/), where equal steps of lightness look equal, and
+have at least the 3:1 contrast that WCAG 2.2 requires of graphics (success criterion 1.4.11).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 OKABE_ITO = ("#0072b2", "#009e73", "#d55e00", "#cc79a7", "#56b4e9", "#e69f00", "#f0e442")
 PAPER = {"light": "#ffffff", "dark": "#10151f"}
-"""What the figures stand on in each scheme."""
+"""Background of the figures in each colour scheme."""
 
 _NAMES = {
     "blue": "#0072b2",
@@ -58,14 +58,14 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
 class Ink(NamedTuple):
-    """One colour as drawn on a light and on a dark page, `#rrggbb`."""
+    """A colour for light and for dark pages, each `#rrggbb`."""
 
     light: str
     dark: str
 
 
 def base_colours(wanted: dict[str, str]) -> dict[str, str]:
-    """`#rrggbb` for each operator: what it asks for (hex or a common name), else the next unused of the palette."""
+    """`#rrggbb` per operator: the colour it asks for (hex or a common name), else the next unused of the palette."""
     asked = {operator: _parsed(text) for operator, text in wanted.items()}
     taken = {colour for colour in asked.values() if colour}
     free = [colour for colour in OKABE_ITO if colour not in taken] or list(OKABE_ITO)
@@ -79,12 +79,12 @@ def base_colours(wanted: dict[str, str]) -> dict[str, str]:
 
 
 def ink(colour: str) -> Ink:
-    """`colour` moved in lightness, no further than needed, to stand out from a light and from a dark page."""
+    """`colour` with its lightness changed as little as needed for contrast on light and on dark pages."""
     return Ink(_against(colour, PAPER["light"], -0.02), _against(colour, PAPER["dark"], +0.02))
 
 
 def shades(colour: str, count: int) -> list[Ink]:
-    """`count` shades of `colour`, from darker to lighter, for the aircraft of one operator; a cycle of five at most."""
+    """`count` shades of `colour` from darker to lighter; with more than five, the five repeat."""
     steps = min(max(count, 1), 5)
     offsets = [0.0] if steps == 1 else list(np.linspace(-0.5, 0.5, steps) * min(0.08 * (steps - 1), 0.24))
     plain = ink(colour)
@@ -108,7 +108,7 @@ def _parsed(text: str) -> str | None:
 
 
 def _spread(colour: str, offsets: list[float], paper: str) -> list[str]:
-    """`colour` at several lightnesses, all shifted away from `paper` until the nearest to it stands out."""
+    """`colour` at several lightnesses, all shifted away from `paper` until each has enough contrast."""
     away = -0.02 if paper == PAPER["light"] else 0.02
     for step in range(30):
         made = [_lighter(colour, offset + step * away) for offset in offsets]

@@ -1,11 +1,11 @@
-"""Whose flight does a drawing show, in which colours, over which city? What all figures of one run share."""
+"""Subject of a figure: name, fleet, colours and buildings of a run, shared by all its figures."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,10 @@ from skyrange.study import svg
 from skyrange.study.palette import Ink, base_colours, shades
 from skyrange.study.series import Record, Vehicle, operators, vehicles
 
-_DASHED = ' stroke-dasharray="4 5"'
-
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """A run's name, fleet (in the manifest's order), inks by vehicle id, and buildings (see `series.Record.city`)."""
+    """A run's name, fleet in the manifest's order, colours by vehicle id, and buildings (see `series.Record.city`)."""
 
     name: str
     fleet: Sequence[Vehicle]
@@ -28,10 +26,10 @@ class Subject:
     _index: Mapping[str, int] = field(default_factory=dict)
 
     def index(self, vehicle: Vehicle) -> int:
-        """The number k that an aircraft's elements carry in their class `ink-k`."""
+        """The number k of the class `ink-k` of an aircraft's elements."""
         return self._index[vehicle.id]
 
-    def line(
+    def draw_line(
         self,
         vehicle: Vehicle,
         points: NDArray[np.float64],
@@ -39,20 +37,27 @@ class Subject:
         weight: str = "1.8",
         close: bool = False,
         dashed: bool = False,
-    ) -> str:
-        """A path through (n, 2) pixels in an aircraft's colour, named by its id; "" without points."""
+    ) -> list[Element]:
+        """A path through (n, 2) pixels in an aircraft's colour, titled with its id; empty without points."""
         if not len(points):
-            return ""
-        return (
-            f'<path class="line ink-{self.index(vehicle)}" d="{svg.path_data(points, close)}" fill="none" '
-            f'stroke="{self.inks[vehicle.id].light}" stroke-width="{weight}" stroke-opacity="{opacity}" '
-            f'stroke-linejoin="round" stroke-linecap="round"{_DASHED if dashed else ""}>'
-            f"<title>{escape(vehicle.id)}{' in the twin' if dashed else ''}</title></path>"
-        )
+            return []
+        attributes = {
+            "class": f"line ink-{self.index(vehicle)}",
+            "d": svg.path_data(points, close),
+            "fill": "none",
+            "stroke": self.inks[vehicle.id].light,
+            "stroke-width": weight,
+            "stroke-opacity": opacity,
+            "stroke-linejoin": "round",
+            "stroke-linecap": "round",
+        }
+        if dashed:
+            attributes["stroke-dasharray"] = "4 5"
+        return [svg.element("path", attributes, svg.title(f"{vehicle.id} in the twin" if dashed else vehicle.id))]
 
 
 def subject_of(record: Record) -> Subject:
-    """The subject of a run; every aircraft gets a shade of its operator's colour."""
+    """The subject of a run's figures; every aircraft gets a shade of its operator's colour."""
     fleet = vehicles(record)
     inks: dict[str, Ink] = {}
     for operator, colour in base_colours(operators(record)).items():

@@ -39,7 +39,7 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("data", TEXT, "", "of a decision or event: its details, a JSON object", True),
     Column("departure_m", pa.float64(), "m", "of an effect: how far from the twin the aircraft came at most", True),
 )
-"""`labels.parquet`: a row per hostile act, per thing that came of one, and per aircraft that departed."""
+"""`propagation.parquet`: a row per hostile act, per thing that came of one, and per aircraft that departed."""
 
 
 class Taint(NamedTuple):
@@ -115,8 +115,8 @@ def effects_of(rows: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str,
     return sorted(found, key=lambda row: (row["at_ns"], row["vehicle"]))
 
 
-def labels_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows as `labels.parquet` has them."""
+def propagation_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """Rows as `propagation.parquet` has them."""
     return pa.Table.from_pylist([dict(row) for row in rows], schema=arrow_schema("phases", COLUMNS))
 
 

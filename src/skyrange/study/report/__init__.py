@@ -1,9 +1,11 @@
-"""What happened in a run, on one page that needs no network? See `write_report`."""
+"""Reports: self-contained HTML pages of a run or of a pair of runs."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from skyrange.core.files import atomic_write
 
 if TYPE_CHECKING:
     from skyrange.study.series import Record
@@ -14,20 +16,15 @@ __all__ = ["write_report"]
 def write_report(record: Record, path: str | Path) -> Path:
     """Write the run's report as one self-contained HTML file and return its path.
 
-    `record` is what `skyrange.record.load` returns, of a finished, interrupted or killed run. The page fetches nothing
-    (its content security policy forbids it) and stays below about 5 MB: long tracks are thinned, long tables cut,
-    and both are said on the page. Raises `OSError` where `path` cannot be written; a half-written file never stands
-    there.
+    `record` is what `skyrange.record.load` returns for a finished, interrupted or killed run. The page fetches nothing;
+    its content security policy forbids it. A page of 100 aircraft is smaller than 5 MB, because long tracks are thinned
+    and long tables cut; the page says so. Raises `OSError` if `path` cannot be written; the file that was there then
+    stays as it was.
     """
-    from skyrange.study.report.page import render
+    from skyrange.study.report.page import render_run
 
     target = Path(path)
-    page = render(record)
-    draft = target.with_name(target.name + ".part")
-    try:
-        draft.write_text(page, encoding="utf-8")
-        draft.replace(target)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
+    page = render_run(record)
+    with atomic_write(target) as file:
+        file.write(page.encode())
     return target

@@ -1,4 +1,4 @@
-"""What does the page need to know? Everything read from the record once, before any of it is drawn."""
+"""Data of a run's page, read from the record once before anything is drawn."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from skyrange.study.waypoints import uploaded
 
 
 @dataclass(frozen=True, slots=True)
-class Gathered:
-    """One run, read. `operator_inks` by operator id.
+class RunContents:
+    """The contents of one run's record. `operator_inks` are by operator id.
 
-    Everything in view lies between `start_ns` and `end_ns`; `recorded_ns` is how long the run went on, perhaps with
-    nothing left to see. Tracks are cut to the view; `flights` count all of it.
+    The page shows the time from `start_ns` to `end_ns`; `recorded_ns` is the end of the record, which is later if the
+    last part has no motion and no event. Tracks end at `end_ns`; `flights` cover the whole record.
     """
 
     record: Record
@@ -64,7 +64,7 @@ class Gathered:
 
     @property
     def status(self) -> str:
-        """`complete`, `interrupted`, `failed` or `running` (also of a run that was killed)."""
+        """`complete`, `interrupted`, `failed` or `running`, which is also the status of a killed run."""
         return str(self.manifest.get("status") or "unknown")
 
     @property
@@ -74,11 +74,11 @@ class Gathered:
 
     @property
     def inks(self) -> Mapping[str, Ink]:
-        """A shade of its operator's colour for every vehicle id."""
+        """By vehicle id, a shade of its operator's colour."""
         return self.subject.inks
 
 
-def gather(record: Record) -> Gathered:
+def read_run(record: Record) -> RunContents:
     """Read a run."""
     subject = subject_of(record)
     truth, belief = truth_tracks(record), belief_tracks(record)
@@ -87,7 +87,7 @@ def gather(record: Record) -> Gathered:
     start = min((int(track.time_ns[0]) for track in truth.values() if len(track)), default=0)
     calm = calm_ns(truth.values(), [*events, *decisions, *attacks])
     view = recorded if calm is None else min(recorded, max(calm + (calm - start) // 25 + 2 * NS_PER_S, NS_PER_S))
-    return Gathered(
+    return RunContents(
         record=record,
         subject=subject,
         operator_inks={name: ink(colour) for name, colour in base_colours(operators(record)).items()},

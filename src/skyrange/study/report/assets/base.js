@@ -1,4 +1,4 @@
-// What the page knows and shares: the run's data unpacked, the shared clock and focus, small mathematics.
+// Data and state shared by the page's parts: the unpacked run, the clock, the focus, and small helpers.
 const RUN = JSON.parse(document.getElementById("run").textContent);
 const $ = (id) => document.getElementById(id);
 const sums = (steps, scale) => {

@@ -1,4 +1,4 @@
-// How does an outline become a solid? Roof triangles by ear clipping (holes are bridged to the outline), walls as quads.
+// Solids from building outlines: roofs triangulated by ear clipping (holes joined to the outline), walls as quads.
 const area2 = (ring) => {
   let sum = 0;
   for (let i = 0, j = ring.length - 1; i < ring.length; j = i++) sum += ring[j][0] * ring[i][1] - ring[i][0] * ring[j][1];

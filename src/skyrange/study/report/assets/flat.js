@@ -1,4 +1,4 @@
-// How is the scene drawn without WebGL? The same camera on a plain canvas, far walls before near ones.
+// Renderer without WebGL: the same camera on a 2D canvas, far walls drawn before near ones.
 const FLAT_BUILDINGS = 700;
 const flatRenderer = (canvas) => {
   const nearest = RUN.buildings.slice(0, FLAT_BUILDINGS).map((b) => ({

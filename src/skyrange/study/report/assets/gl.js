@@ -1,4 +1,4 @@
-// How is the scene drawn where WebGL 2 is there? Ground grid, solid city with storeys, thick lines that know their time.
+// Renderer with WebGL 2: ground grid, solid city with storeys, thick lines with a time at each vertex.
 const GLSL = {
   ground: [`in vec2 p; uniform mat4 m; uniform vec3 span; out vec2 at; void main(){ at = span.xy + p * span.z; gl_Position = m * vec4(at, 0., 1.); }`,
     `in vec2 at; uniform vec3 line, base, fog; uniform float fine, reach; uniform vec2 mid; out vec4 o;

@@ -1,4 +1,4 @@
-// What ties the page together: the clock, highlighting across views, filters of the tables.
+// Controls of the page: the clock, highlighting in all views, filters of the tables.
 const buildClock = (scene) => {
   const play = $("play"), clock = $("clock"), pace = $("pace"), span = RUN.end - RUN.start;
   const icon = (d) => {

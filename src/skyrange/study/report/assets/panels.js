@@ -1,4 +1,4 @@
-// What did each operator see? A box of axes per operator with the positions its ground station received; drag to turn.
+// Panels of operators: a box of axes with the positions that the ground station received; dragging turns it.
 const PANEL = { yaw: -1.05, pitch: 0.45 };
 const buildPanel = (figure) => {
   const place = Number(figure.dataset.op), own = RUN.vehicles.filter((v) => v.op === place);

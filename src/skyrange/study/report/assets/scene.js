@@ -1,4 +1,4 @@
-// The flight in three dimensions: a camera that people move, a renderer, and what is written over the picture.
+// Three-dimensional scene: a movable camera, a renderer, and a canvas of names and symbols above it.
 const bounds = (() => {
   const low = [Infinity, Infinity, 0], high = [-Infinity, -Infinity, 1];
   const take = (e, n, u) => [e, n, u].forEach((x, k) => { low[k] = Math.min(low[k], x); high[k] = Math.max(high[k], x); });
@@ -48,7 +48,7 @@ const buildScene = () => {
   const stage = $("stage");
   let picture = make("canvas", { "aria-hidden": "true" }), plain = false;
   const over = make("canvas", { className: "over", tabIndex: 0, role: "application",
-    "aria-label": "Flight in three dimensions. Arrow keys turn, shift and arrow keys move, plus and minus zoom, space plays, home resets." });
+    "aria-label": "Flight in three dimensions. Arrow keys turn, shift and arrow keys move, plus and minus zoom, n and p choose an aircraft, escape lets go of it, space plays, home resets." });
   stage.prepend(picture, over);
   let render = glRenderer(picture);
   const withoutGl = () => {
@@ -256,6 +256,16 @@ const buildScene = () => {
     camera.distance = Math.min(Math.max(camera.distance * factor, bounds.size * 0.03), bounds.size * 30);
     changed();
   };
+  const describe = ({ v, now }, x, y) => showTip(x, y, v.id,
+    [["", "up", now[2].toFixed(2) + " m"], ["", "speed", now[3].toFixed(2) + " m/s"], ["", "east, north", now[0].toFixed(1) + ", " + now[1].toFixed(1) + " m"]]);
+  const choose = (step) => {                                             // the aircraft after or before the one in focus
+    const order = spots.map((s) => s.v.index).sort((a, b) => a - b), place = order.indexOf(state.focus);
+    if (!order.length) return;
+    const next = order[place < 0 ? (step > 0 ? 0 : order.length - 1) : (place + step + order.length) % order.length];
+    const box = over.getBoundingClientRect(), spot = spots.find((s) => s.v.index === next);
+    setFocus(next);
+    describe(spot, box.left + spot.x, box.top + spot.y);
+  };
   over.addEventListener("pointerdown", (e) => {
     over.setPointerCapture(e.pointerId);
     fingers.set(e.pointerId, [e.clientX, e.clientY]);
@@ -270,9 +280,7 @@ const buildScene = () => {
       if (mishap) return showTip(e.clientX, e.clientY, mishap.words, []);
       const hit = spots.map((s) => [Math.hypot(s.x - x, s.y - y), s]).filter((s) => s[0] < 16).sort((a, b) => a[0] - b[0])[0];
       setFocus(hit ? hit[1].v.index : -1);
-      if (!hit) return hideTip();
-      const { v, now } = hit[1];
-      return showTip(e.clientX, e.clientY, v.id, [["", "up", now[2].toFixed(2) + " m"], ["", "speed", now[3].toFixed(2) + " m/s"], ["", "east, north", now[0].toFixed(1) + ", " + now[1].toFixed(1) + " m"]]);
+      return hit ? describe(hit[1], e.clientX, e.clientY) : hideTip();
     }
     const dx = e.clientX - before[0], dy = e.clientY - before[1];
     if (fingers.size === 2) {
@@ -298,9 +306,12 @@ const buildScene = () => {
     else if (e.key === "-") zoom(1.14);
     else if (e.key === "Home") { camera.home(); changed(); }
     else if (e.key === " ") $("play").click();
+    else if (e.key === "n" || e.key === "p") choose(e.key === "n" ? 1 : -1);
+    else if (e.key === "Escape") { hideTip(); setFocus(-1); }
     else return;
     e.preventDefault();
   });
+  over.addEventListener("blur", () => { hideTip(); setFocus(-1); });
   // A machine that draws in software gets a coarser picture (or fewer buildings) rather than a slow one.
   let slow = 0;
   const beat = (dt) => {

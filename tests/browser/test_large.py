@@ -1,0 +1,73 @@
+"""The report of 500 aircraft over a city opens within seconds, drawn in software."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from skyrange.study.report import write_report
+from tests.browser.chromium import visit
+from tests.unit.study_sample import fleet_of, fly, small_city
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
+pytestmark = [pytest.mark.external, pytest.mark.slow]
+
+AIRCRAFT = 500
+OPERATORS = 10
+LIMIT_S = 120.0
+"""No promise: wide enough for a machine that is busy with other tests."""
+
+
+@pytest.fixture(scope="session")
+def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A page of 8 MB: 500 aircraft of ten operators, 120 s, among 3 750 buildings."""
+    folder = tmp_path_factory.mktemp("large")
+    city = [
+        {**block, "rings": [[[e + 50 * i, n + 50 * j] for e, n in ring] for ring in block["rings"]]}
+        for i in range(-12, 13)
+        for j in range(-12, 13)
+        for block in small_city()
+    ]
+    fleet = fleet_of(AIRCRAFT, OPERATORS)
+    record = fly(folder, fleet, {f"op{k}": "" for k in range(OPERATORS)}, city, seconds=120, rate_hz=2)
+    return write_report(record, folder / "report.html")
+
+
+def test_a_report_of_500_aircraft_opens_within_seconds(
+    browser: Browser, large: Path, record_property: Callable[[str, object], None]
+) -> None:
+    octets = large.stat().st_size
+    began = time.perf_counter()
+    opened = visit(browser, large, "#t=30")
+    page = opened.page
+    assert page.locator(".chip").count() >= OPERATORS
+    drawn_s = time.perf_counter() - began
+    assert page.locator("#missions tbody tr").count() == AIRCRAFT
+    began = time.perf_counter()
+    page.locator("#clock").focus()
+    page.keyboard.press("End")
+    opened.settle()
+    redrawn_s = time.perf_counter() - began
+    began = time.perf_counter()
+    page.locator(".over").focus()
+    page.keyboard.press("n")
+    opened.settle()
+    selected_s = time.perf_counter() - began
+    assert page.locator("#tip b").inner_text() == "op0/v0"
+    print(
+        f"{octets / 1e6:.1f} MB: drawn after {drawn_s:.1f} s, another time in {redrawn_s:.1f} s, "
+        f"an aircraft chosen in {selected_s:.1f} s"
+    )
+    record_property("bytes", octets)
+    record_property("drawn_s", drawn_s)
+    assert opened.said == []
+    assert opened.asked == [large.resolve().as_uri()]
+    assert drawn_s < LIMIT_S
+    assert redrawn_s < LIMIT_S
+    opened.close()
