@@ -96,7 +96,7 @@ def manifest(folder: Path) -> dict[str, Any]:
 
 def process_of(part: Path) -> int:
     """The process that records into `part`, on whichever machine; 0 while there is none."""
-    orders = os.fsencode(f"{part}.program/orders.json")
+    orders = os.fsencode(f"{part}.program/node.json")
     for entry in Path("/proc").iterdir():
         try:
             if entry.name.isdigit() and orders in (entry / "cmdline").read_bytes().split(b"\0"):

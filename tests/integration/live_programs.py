@@ -117,7 +117,7 @@ class Flight:
         return port
 
     def _process(self, node: str) -> int:
-        orders = str(self.folder / "run" / ".parts" / f"{node}.program" / "orders.json").encode()
+        orders = str(self.folder / "run" / ".parts" / f"{node}.program" / "node.json").encode()
         (found,) = [entry for entry in Path("/proc").iterdir() if entry.name.isdigit() and orders in _command_of(entry)]
         return int(found.name)
 

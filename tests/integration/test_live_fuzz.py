@@ -16,7 +16,7 @@ import zmq
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.record.run import RunRecord
-from skyrange.runtime.live.orders import Orders
+from skyrange.runtime.live.orders import NodeConfig
 from tests.integration.live_faults import Harmed
 from tests.integration.test_live_range import nodes
 
@@ -125,8 +125,8 @@ def resident_kb(pid: int) -> int:
 def addresses(folder: Path) -> dict[str, tuple[str, Address]]:
     """Transport and address of everything that listens, by link, and the control socket."""
     found: dict[str, tuple[str, Address]] = {}
-    for path in (folder / "run" / ".parts").glob("*.program/orders.json"):
-        orders = Orders.from_json(path.read_text())
+    for path in (folder / "run" / ".parts").glob("*.program/node.json"):
+        orders = NodeConfig.from_json(path.read_text())
         found["control"] = ("control", orders.control)
         found |= {one.link.name: (one.transport, one.address) for one in orders.crossings}
     return found

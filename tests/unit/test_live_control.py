@@ -16,9 +16,9 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.io.curve_keys import Keys, load_member, load_range, make_range_keys
 from skyrange.runtime.live.addresses import crossings
 from skyrange.runtime.live.clock import JUMP_NS, Echo, Offset, best
-from skyrange.runtime.live.control import CHUNK_BYTES, MOST_BYTES, Desk, Phone, packed, unpacked
+from skyrange.runtime.live.control import CHUNK_BYTES, MOST_BYTES, ControlServer, ControlClient, packed, unpacked
 from skyrange.runtime.live.files import chunks, inside, listed, read_chunk, write_chunk
-from skyrange.runtime.live.orders import Orders
+from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import issue
 from skyrange.runtime.live.plan import plan
 from skyrange.scenario.catalogue import load
@@ -31,8 +31,8 @@ def test_orders_survive_their_file() -> None:
     links = wire(load("rid-spoofing")).wiring.links
     places = crossings(links, plan(links, "component"))
     passes = issue(zmq.curve_keypair()[0])
-    orders = Orders("world", ("oracle",), ".parts/world", "127.0.0.1", ("127.0.0.1", 1), tuple(places), passes)
-    assert Orders.from_json(orders.to_json()) == orders
+    orders = NodeConfig("world", ("oracle",), ".parts/world", "127.0.0.1", ("127.0.0.1", 1), tuple(places), passes)
+    assert NodeConfig.from_json(orders.to_json()) == orders
 
 
 @given(st.binary(max_size=200))
@@ -59,9 +59,9 @@ def test_supervisor_and_node_hear_each_other() -> None:
     (public, secret), passes = (pair := zmq.curve_keypair()), issue(pair[0])
 
     async def talk() -> tuple[Any, ...]:
-        desk = Desk(Keys(public, secret, frozenset({passes.desk.public})))
+        desk = ControlServer(Keys(public, secret, frozenset({passes.desk.public})))
         desk.open()
-        phone = Phone("blue.gcs", desk.address, passes.desk)
+        phone = ControlClient("blue.gcs", desk.address, passes.desk)
         phone.open()
         try:
             await phone._socket.send(b"no message")
@@ -87,9 +87,9 @@ def test_who_has_another_key_is_refused_and_counted() -> None:
     misled = Keys(passes.desk.public, passes.desk.secret, frozenset({unknown[0]}))
 
     async def talk() -> tuple[int, int, int, int]:
-        desk = Desk(Keys(public, secret, frozenset({passes.desk.public})))
+        desk = ControlServer(Keys(public, secret, frozenset({passes.desk.public})))
         desk.open()
-        phones = [Phone(name, desk.address, keys) for name, keys in (("blue.gcs", stranger), ("red.gcs", misled))]
+        phones = [ControlClient(name, desk.address, keys) for name, keys in (("blue.gcs", stranger), ("red.gcs", misled))]
         for phone in phones:
             phone.open()
             phone._socket.linger = 0

@@ -12,7 +12,7 @@ import pytest
 from skyrange import __version__
 from skyrange.core.errors import ComponentError
 from skyrange.record.folder import PARTS
-from skyrange.runtime.live.control import CHUNK_BYTES, Desk, Message
+from skyrange.runtime.live.control import CHUNK_BYTES, ControlServer, Message
 from skyrange.runtime.live.joining import Machine, Machines
 
 WHERE = "10.9.0.2"

@@ -17,7 +17,7 @@ from skyrange.runtime.live import process
 from skyrange.runtime.live.addresses import Crossing, crossings
 from skyrange.runtime.live.control import Message
 from skyrange.runtime.live.node import Node
-from skyrange.runtime.live.orders import Orders
+from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import issue
 from skyrange.runtime.live.plan import plan
 from skyrange.scenario.load import build
@@ -48,7 +48,7 @@ def station(folder: Path) -> tuple[Node, Rig, Recorder, Crossing]:
     rig = wire(scenario, local=frozenset({"blue.gcs"}))
     recorder = Recorder.open(folder, rig.header | {"node": {"name": "blue.gcs", "endpoints": ["blue.gcs"]}})
     passes = issue(zmq.curve_keypair()[0])
-    orders = Orders("blue.gcs", ("blue.gcs",), "", "127.0.0.1", ("127.0.0.1", 1), (place,), passes)
+    orders = NodeConfig("blue.gcs", ("blue.gcs",), "", "127.0.0.1", ("127.0.0.1", 1), (place,), passes)
     return Node(orders, rig, recorder), rig, recorder, place
 
 
@@ -114,7 +114,7 @@ def test_one_that_can_no_longer_obey_ends_and_keeps_its_record(tmp_path: Path, m
         (tmp_path / name).write_bytes(data)
     (tmp_path / "part.program").mkdir()
     passes = issue(zmq.curve_keypair()[0])
-    orders = Orders("blue.gcs", ("blue.gcs",), "part", "127.0.0.1", ("127.0.0.1", 1), (), passes)
+    orders = NodeConfig("blue.gcs", ("blue.gcs",), "part", "127.0.0.1", ("127.0.0.1", 1), (), passes)
     with pytest.raises(KeyError, match="nobody"):
         asyncio.run(asyncio.wait_for(process.serve(orders, tmp_path), 10.0))
     assert load(tmp_path / "part").manifest["status"] == "failed"

@@ -13,7 +13,7 @@ from skyrange.codec.deframe import Piece
 from skyrange.core.time import NS_PER_S
 from skyrange.io.mavlink_sockets import MOST_UNSENT, TcpEnd, UdpEnd
 from skyrange.runtime.live.ends import _TcpCaller, _TcpServer
-from skyrange.runtime.live.intake import BURST_S, BYTES_HZ, FRAMES_HZ, MOST_BYTES, Intake
+from skyrange.runtime.live.intake import BURST_S, BYTES_HZ, FRAMES_HZ, MOST_BYTES, IngressRateLimiter
 
 FRAME = mavlink.MAVLink(None, srcSystem=1).heartbeat_encode(2, 3, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=1))
 
@@ -106,7 +106,7 @@ def test_a_udp_end_answers_who_spoke_mavlink_and_not_who_sent_anything_else() ->
 
 
 def test_a_flood_on_one_link_is_dropped_and_harms_no_other() -> None:
-    intake = Intake()
+    intake = IngressRateLimiter()
     for _ in range(100_000):
         intake.take(NS_PER_S, "flooded", b"x")
     intake.take(NS_PER_S, "other", b"y")
@@ -121,7 +121,7 @@ def test_a_flood_on_one_link_is_dropped_and_harms_no_other() -> None:
 
 @pytest.mark.parametrize("lanes", [1, 100])
 def test_what_waits_is_bounded_in_bytes(lanes: int) -> None:
-    intake = Intake()
+    intake = IngressRateLimiter()
     big = bytes(1 << 20)
     for number in range(100 * lanes):
         intake.take(0, str(number % lanes), big)

@@ -12,8 +12,8 @@ import pytest
 from skyrange.core.errors import ComponentError
 from skyrange.io.programs import Program
 from skyrange.runtime.live import launch, supervisor
-from skyrange.runtime.live.control import Desk, Message
-from skyrange.runtime.live.orders import Orders
+from skyrange.runtime.live.control import ControlServer, Message
+from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.range import prepare
 from skyrange.scenario.load import load_text
 from tests.ports import OFFSET
@@ -35,18 +35,18 @@ def test_one_that_no_longer_listens_ends_the_range_and_is_named(
 ) -> None:
     started: list[Program] = []
 
-    def start(root: Path, orders: Orders, through: object = ()) -> Program:
+    def start(root: Path, orders: NodeConfig, through: object = ()) -> Program:
         """A node that never says a word."""
         folder = root / f"{orders.part}.program"
         folder.mkdir(parents=True)
         started.append(Program(orders.name, [sys.executable, "-c", "import time; time.sleep(60)"], folder))
         return started[-1]
 
-    async def hear(_: Desk) -> tuple[str, Message, bytes]:
+    async def hear(_: ControlServer) -> tuple[str, Message, bytes]:
         raise RuntimeError("the socket is broken")
 
     monkeypatch.setattr(launch, "start", start)
-    monkeypatch.setattr(Desk, "hear", hear)
+    monkeypatch.setattr(ControlServer, "hear", hear)
     monkeypatch.setattr(supervisor, "END_S", 1.0)  # the node does not stop when told
     flown = prepare(load_text(SCENARIO, "deaf", Path()), tmp_path / "run", group="one", port_offset=OFFSET)
     began = time.monotonic()
