@@ -65,15 +65,28 @@ def clean() -> dict[str, str]:
     return environment
 
 
-def until(holds: Callable[[], Any], seconds: float, what: str) -> Any:
-    """What `holds` gives once it gives anything."""
+def until(holds: Callable[[], Any], seconds: float, what: str, *while_running: subprocess.Popen[Any]) -> Any:
+    """What `holds` gives once it gives anything; fails at once where one of `while_running` has ended before."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
+        ended = [program for program in while_running if program.poll() is not None]
         found = holds()
         if found:
             return found
+        if ended:
+            raise AssertionError(f"{what}: {_command(ended[0])} ended with {ended[0].returncode}{_words(ended[0])}")
         time.sleep(0.05)
     raise AssertionError(f"not within {seconds:g} s: {what}")
+
+
+def _command(program: subprocess.Popen[Any]) -> str:
+    return " ".join(map(str, program.args[-4:])) if isinstance(program.args, list) else str(program.args)
+
+
+def _words(program: subprocess.Popen[Any]) -> str:
+    """What a program that has ended said, as far as that is ours to read."""
+    said = program.stderr.read() if program.stderr is not None and not program.stderr.closed else ""
+    return f": {said}" if said else ""
 
 
 class Flight:

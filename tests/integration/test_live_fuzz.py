@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.record.run import RunRecord
 from skyrange.runtime.live.orders import NodeConfig
-from tests.integration.live_faults import Harmed
+from tests.integration.live_faults import RealHarmed
 from tests.integration.test_live_range import nodes
 
 pytestmark = pytest.mark.integration
@@ -142,11 +142,11 @@ WAYS: dict[str, tuple[tuple[Callable[[Address, random.Random], None], float], ..
 
 
 def test_it_flies_on_under_random_bytes_floods_and_slow_readers(tmp_path: Path) -> None:
-    harmed = Harmed.start(tmp_path, 40.0, "stop")
+    harmed = RealHarmed.start(tmp_path, 40.0, "stop")
     hostile = Hostile(os.getpid())
     grown: dict[str, int] = {}
     try:
-        harmed.until(7.0)
+        harmed.reach(7.0)
         targets = addresses(tmp_path)
         assert {transport for transport, _ in targets.values()} == set(WAYS)
         pids = nodes(tmp_path)

@@ -7,7 +7,7 @@ clock read here decides when rows are written, never what is in them.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -91,7 +91,6 @@ class Recorder:
         spool_bytes: int,
         flush_s: float,
         made: Sequence[Path] = (),
-        clock: Callable[[], float] = monotonic,
     ) -> None:
         """Use `Recorder.open`."""
         self.path = path
@@ -101,8 +100,7 @@ class Recorder:
         self._spool = spool
         self._spool_bytes = spool_bytes
         self._flush_s = flush_s
-        self._clock = clock
-        self._due_s = clock() + flush_s
+        self._due_s = monotonic() + flush_s
         self._made = made
         self._refused = False
         self._closed = False
@@ -126,15 +124,14 @@ class Recorder:
         sensors_hz: float = 2.0,
         spool_bytes: int = 4 << 20,
         flush_s: float = 1.0,
-        clock: Callable[[], float] = monotonic,
     ) -> Self:
         """Begin a record in `path`, a folder that does not exist or is empty; its manifest says `running` from now.
 
         `header` is what the manifest says of the scenario (name, seed, start_utc, origin, operators, vehicles,
         links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time, 0 for not at
         all. Rows are handed to the disk every `flush_s` of wall time or `spool_bytes`, which is also how many
-        bytes of payloads are de-duplicated together. `clock` tells wall time in s. `InputError`, with nothing left
-        behind, where the folder cannot be made, is not empty or cannot be written.
+        bytes of payloads are de-duplicated together. `InputError`, with nothing left behind, where the folder
+        cannot be made, is not empty or cannot be written.
         """
         folder = Path(path).expanduser()
         check_rates(truth_hz, sensors_hz)
@@ -161,7 +158,7 @@ class Recorder:
             truth_due=-NEVER if truth_hz else NEVER,
             sensors_due=-NEVER if sensors_hz else NEVER,
         )
-        return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made, clock)
+        return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made)
 
     def listen(self, air: Air | None) -> None:
         """Ask `air` for receptions at each flush from now on."""
@@ -197,7 +194,7 @@ class Recorder:
         """A frame met its fate."""
         self._frames.append(frame)
         self._singles += 1
-        if self._clock() >= self._due_s:
+        if monotonic() >= self._due_s:
             self.flush()
         elif self._singles >= _BATCH_ROWS:
             self._hand_over_frames()
@@ -206,7 +203,7 @@ class Recorder:
         """Many frames met their fate."""
         self._frames.append(block)
         self._frame_rows += len(block)
-        if self._clock() >= self._due_s:
+        if monotonic() >= self._due_s:
             self.flush()
         elif self._frame_rows >= _BLOCK_ROWS:
             self._hand_over_frames()
@@ -221,13 +218,13 @@ class Recorder:
             if note.kind == OUTCOME:
                 state.outcomes[note.about] = outcome(now, note.data)
         state.last_ns = max(state.last_ns, now)
-        if self._clock() >= self._due_s:
+        if monotonic() >= self._due_s:
             self.flush()
 
     def on_label(self, label: Label) -> None:
         """A hostile act."""
         self._labels.append(label)
-        if len(self._labels) >= _BATCH_ROWS or self._clock() >= self._due_s:
+        if len(self._labels) >= _BATCH_ROWS or monotonic() >= self._due_s:
             self.flush()
 
     def on_truth(self, now: Time, world: World) -> None:
@@ -245,7 +242,7 @@ class Recorder:
             values = sensor_values(world.sensors(slice(0, len(vehicles))))
             self._sensors.append(SensorTick(now, vehicles, values))
             self._tick_bytes += values.nbytes
-        if self._tick_bytes >= self._spool_bytes or self._clock() >= self._due_s:
+        if self._tick_bytes >= self._spool_bytes or monotonic() >= self._due_s:
             self.flush()
 
     def on_rows(self, table: str, batch: pa.RecordBatch) -> None:
@@ -262,7 +259,7 @@ class Recorder:
 
     def flush(self) -> None:
         """Hand all rows to the operating system now; `ComponentError` where the disk refuses."""
-        self._due_s = self._clock() + self._flush_s
+        self._due_s = monotonic() + self._flush_s
         if not self._refused:
             self._hand_over_frames()
             self._hand_over_others()
@@ -341,7 +338,7 @@ class Recorder:
             raise unwritable(folder, error) from error
         state, manifest = deepcopy(self._state), deepcopy(self._manifest)
         spool = Spool(folder, self._spool.segment)
-        return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s, clock=self._clock)
+        return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s)
 
     def __deepcopy__(self, memo: object) -> Recorder:
         raise TypeError("a Recorder owns a folder: use fork(path)")

@@ -41,6 +41,8 @@ SLICE_NS: Final[Time] = 50 * NS_PER_MS
 PAUSE_NS: Final[Time] = NS_PER_S
 """A node that is later than this was not slow but stood still: what it did not do then it does once, and not as often
 as it was due, as a program that was stopped has no old heartbeats to send. The world alone makes good every tick."""
+FLUSH_NS: Final = NS_PER_S
+"""Between two times at which recorded rows are handed to the disk."""
 _Open = Callable[[Crossing, OnPiece, str, Credentials], Awaitable[Transport]]
 
 
@@ -78,6 +80,7 @@ class Node:
         observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
         self._kernel = Kernel(replace(rig.wiring, fuse=False), observers)
         self._recorder = recorder
+        self._flush_due_ns = 0
         self._can_pause = rig.wiring.world is None
         self._duration_ns = rig.duration_ns
         self._clock: RangeClock | None = None
@@ -165,12 +168,19 @@ class Node:
             now = clock.now()
             if now >= 0:
                 self._advance(min(now, self._duration_ns))
+                self._flush()
                 if self._kernel.now >= self._duration_ns:
                     return "complete"
             due = self._pending[0][0] if self._pending else self._duration_ns
             due = max(min(self._kernel.due, due, self._taps.due, self._duration_ns), 0)
             await self._rest((due - clock.now()) / NS_PER_S)
         return self._stopped
+
+    def _flush(self) -> None:
+        now_ns = self._system.clock.monotonic_ns()
+        if now_ns >= self._flush_due_ns:
+            self._flush_due_ns = now_ns + FLUSH_NS
+            self._recorder.flush()
 
     async def _rest(self, seconds: float) -> None:
         """Wait so long, or until something is received; transports are served at least once."""

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import signal
 import sys
 from collections.abc import Mapping, Sequence
@@ -13,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.errors import SkyrangeError
-from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder
 from skyrange.runtime.collector import at_ease
 from skyrange.runtime.live.control import ControlClient
@@ -59,7 +59,7 @@ async def _fly_node(config: NodeConfig, client: ControlClient, rig: Rig, part: P
         rig.header | {"node": facts},
         truth_hz=rates.truth_hz,
         sensors_hz=rates.sensors_hz,
-        clock=lambda: system.clock.monotonic_ns() / NS_PER_S,
+        flush_s=math.inf,  # the node flushes by the system's clock
     )
     recorder.listen(rig.oracle)
     node = Node(config, rig, recorder, system)

@@ -79,6 +79,13 @@ class VirtualNetwork:
         self.listeners[key] = listener
         return address
 
+    def cut_connections(self, port: int) -> None:
+        """Reset all connections that a TCP server at `port` has accepted."""
+        for (family, _, number), server in self.listeners.items():
+            if (family, number) == ("tcp", port):
+                for stream in server.streams:
+                    stream.cut()
+
     def release(self, listener: Any) -> None:
         """Have it be found no more."""
         for key in [key for key, other in self.listeners.items() if other is listener]:
@@ -266,9 +273,10 @@ class MemoryStream(asyncio.Transport):
 
     def cut(self) -> None:
         """End the connection for both, as a reset on the way does; what was on the way is lost."""
-        error = ConnectionResetError(errno.ECONNRESET, "connection reset by peer")
-        self._reset(error)
-        self._inbound.push(lambda: self._lose(error), 0.0)
+        if not self._lost:
+            error = ConnectionResetError(errno.ECONNRESET, "connection reset by peer")
+            self._reset(error)
+            self._inbound.push(lambda: self._lose(error), 0.0)
 
     # --- what is on the way ------------------------------------------------------------------------
 

@@ -63,6 +63,8 @@ class VirtualSystem:
     clock: VirtualClock = field(default=None)  # type: ignore[assignment]
     processes: dict[str, list[VirtualProcess]] = field(default_factory=dict)
     """By the node's name, each start's."""
+    start_s: float = 0.0
+    """How long a process takes to start."""
 
     def __post_init__(self) -> None:
         self.clock = self.clock or VirtualClock(self.virtual)
@@ -70,7 +72,7 @@ class VirtualSystem:
     def machine(self, address: str, *, ahead_ns: int = 0, fast_ppm: int = 0) -> VirtualSystem:
         """Another machine of the same world, with a clock of its own."""
         clock = VirtualClock(self.virtual, ahead_ns, fast_ppm)
-        return VirtualSystem(self.virtual, self.network, address, clock, self.processes)
+        return VirtualSystem(self.virtual, self.network, address, clock, self.processes, self.start_s)
 
     def process(self, node: str) -> VirtualProcess:
         """The node's last process."""
@@ -118,7 +120,11 @@ class VirtualSystem:
     def start_node(self, root: Path, config: NodeConfig, through: Sequence[str] = ()) -> VirtualProcess:
         """See `System`; `through` is of no use here."""
         write_config(root, config)
-        return self.begin(config.name, run_node(config, root, self))
+        return self.begin(config.name, self._run_node(root, config))
+
+    async def _run_node(self, root: Path, config: NodeConfig) -> int:
+        await asyncio.sleep(self.start_s)
+        return await run_node(config, root, self)
 
     def warm_up(self, scenario: Scenario, *, rehearse: bool) -> None:
         """See `System`."""
