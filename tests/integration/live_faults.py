@@ -27,9 +27,8 @@ from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord, load
 from skyrange.testing.live import VirtualNetwork, VirtualSystem
-from tests.integration.live_programs import until
+from tests.integration.live_programs import MAIN, nodes, until
 from tests.integration.live_virtual import JITTER_S, VirtualFlight, fly_virtual, prepared
-from tests.integration.test_live_range import MAIN, nodes
 from tests.ports import OFFSET
 
 SCENARIO = """

@@ -1,4 +1,4 @@
-"""Every socket of a live range that flies gets random bytes, half messages, floods and slow readers: it survives."""
+"""Every socket of a live range in flight gets random bytes, half messages, floods and slow readers: it survives."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from skyrange.record.run import RunRecord
 from skyrange.runtime.live.orders import NodeConfig
 from tests.integration.live_faults import RealHarmed
-from tests.integration.test_live_range import nodes
+from tests.integration.live_programs import nodes
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.realtime, pytest.mark.slow]
 SECONDS = 20.0
 MOST_GROWN_KB = 150_000
 """Of a process's resident memory, over what it had when the range flew and nobody harmed it: ZeroMQ queues of 256
@@ -126,9 +126,9 @@ def addresses(folder: Path) -> dict[str, tuple[str, Address]]:
     """Transport and address of everything that listens, by link, and the control socket."""
     found: dict[str, tuple[str, Address]] = {}
     for path in (folder / "run" / ".parts").glob("*.program/node.json"):
-        orders = NodeConfig.from_json(path.read_text())
-        found["control"] = ("control", orders.control)
-        found |= {one.link.name: (one.transport, one.address) for one in orders.crossings}
+        config = NodeConfig.from_json(path.read_text())
+        found["control"] = ("control", config.control)
+        found |= {one.link.name: (one.transport, one.address) for one in config.crossings}
     return found
 
 

@@ -48,7 +48,7 @@ world = "{BASE}"
 """
 
 
-pytestmark = [pytest.mark.integration, needs_machines]
+pytestmark = [pytest.mark.integration, pytest.mark.realtime, needs_machines]
 
 Machines = list[list[str]]
 
@@ -109,7 +109,7 @@ def test_keys_that_do_not_match_are_named_within_seconds(tmp_path: Path, machine
     knows.write_text(text.replace(text.split("range-key")[1].splitlines()[0], known))
     started = begin([*here, *live(tmp_path, keys, 20)], tmp_path / "live.log")
     try:
-        until(lambda: "waiting for" in (tmp_path / "live.log").read_text(), 60, "the range waits")
+        until(lambda: "waiting for" in (tmp_path / "live.log").read_text(), 60, "the range waits", started)
         for key, words in ((knows, "does not know it"), (file, "has another")):
             began = time.monotonic()
             done = subprocess.run([*there, *node(key)], capture_output=True, text=True, timeout=60, check=False)
@@ -135,7 +135,7 @@ def test_a_machine_that_is_lost_is_named_and_the_record_kept(tmp_path: Path, mac
     joined = begin([*there, *node(keys / "lab2.key_secret")], tmp_path / "node.log")
     started = begin([*here, *live(tmp_path, keys, 120)], tmp_path / "live.log")
     try:
-        until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies")
+        until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies", started)
         time.sleep(3.0)
         ip(f"-n {network(1)} link set eth0 down")
         began = time.monotonic()
@@ -159,7 +159,7 @@ def test_packet_tools_work_in_namespaces_and_nothing_of_them_stays(tmp_path: Pat
     before = namespaces()
     started = begin([*live(tmp_path, None, 30, ""), "--netns"], tmp_path / "live.log")
     try:
-        until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies")
+        until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies", started)
         made = sorted(set(namespaces()) - set(before))
         (aircraft,) = [name for name in made if name.endswith("-blue-b1")]
         time.sleep(8.0)
@@ -189,7 +189,7 @@ def test_namespaces_go_with_a_range_that_is_killed(tmp_path: Path) -> None:
     before = namespaces()
     started = begin([*live(tmp_path, None, 60, ""), "--netns"], tmp_path / "live.log")
     try:
-        until(lambda: len(namespaces()) > len(before), 120, "namespaces are there")
+        until(lambda: len(namespaces()) > len(before), 120, "namespaces are there", started)
     finally:
         started.kill()
         started.wait()

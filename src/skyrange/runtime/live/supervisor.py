@@ -88,6 +88,7 @@ class _Supervisor:
         self._receiver: asyncio.Task[None] | None = None
         self._active_attacks: dict[str, int] = {}
         """Attacks whose trigger has held, and the range's time at which it did, in ns."""
+        self._ending = False
         self._hosts = RemoteHosts(flown.rig.scenario.name, self._control, self._on_ended, others, self._clock)
 
     async def fly(self) -> Path:
@@ -319,6 +320,10 @@ class _Supervisor:
     async def _lead(self, name: str) -> None:
         """Bring up a node that was started anew; the others are there, and wait for nothing."""
         member = self._range.members.get(name)
+        if self._ending:
+            if member is not None and member.state == "here":  # it was not there when all were told to stop
+                await self._control.send(name, "stop")
+            return
         kind = {"bound": "connect", "ready": "start"}.get(member.state, "") if member is not None else ""
         if member is not None and member.deaths and kind:
             await self._control.send(name, kind, zero_ns=self._hosts.zero_at(member.host))
@@ -346,6 +351,7 @@ class _Supervisor:
     async def _end(self) -> None:
         """Tell all nodes to stop, wait until their records are closed, and get those from other machines."""
         flown = self._range
+        self._ending = True
         for name, member in flown.members.items():
             if member.state not in ("done", "dead"):
                 await self._control.send(name, "stop")

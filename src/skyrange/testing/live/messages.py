@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import Any, Final
 
 from skyrange.codec.deframe import Piece
 from skyrange.io.curve_keys import Keys
 from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
 from skyrange.runtime.live.control import Message, pack_message, unpack_message
 from skyrange.testing.live.network import Key, Owner, Pipe, VirtualNetwork
+
+RECONNECT_S: Final = 0.1
+"""Between two attempts to reach a control socket."""
 
 
 class _Endpoint:
@@ -169,15 +172,21 @@ class MemoryControlClient:
         self._network = network
         self._received: asyncio.Queue[tuple[bytes, bytes]] = asyncio.Queue()
         self._server: MemoryControlServer | None = None
+        self._unsent: list[tuple[bytes, bytes]] = []
         self.endpoint: _Endpoint | None = None
 
     def open(self) -> None:
         """See `ControlClient`."""
         self.endpoint = _Endpoint(self._network)
-        self._connect()
+        self._retry()
+
+    def _retry(self) -> None:
+        """Connect, and again a moment later while nobody lets us in."""
+        if self.endpoint is not None and not self.endpoint.closed and self._connect() is None:
+            asyncio.get_running_loop().call_later(RECONNECT_S, self._retry)
 
     def _connect(self) -> MemoryControlServer | None:
-        """The server, if it is there and lets us in; asked again at each message."""
+        """The server, if it is there and lets us in; what was sent before that is sent then."""
         assert self.endpoint is not None
         key = self._network.key("control", self.endpoint.owner.machine, self.address)
         server: MemoryControlServer | None = self._network.listeners.get(key)
@@ -186,12 +195,20 @@ class MemoryControlClient:
         if server is not self._server:
             self.reached += 1
             if server.keys.public not in self.keys.peers:  # it understands no answer, and cannot know why
+                server.refused += 1
                 return None
             if not server.admit(self):
                 self.refused += 1
                 return None
             self._server = server
+            unsent, self._unsent = self._unsent, []
+            for message, blob in unsent:
+                self._send(server, message, blob)
         return server
+
+    def _send(self, server: MemoryControlServer, message: bytes, blob: bytes) -> None:
+        assert server.endpoint is not None
+        server.endpoint.inbound.push(lambda: server.take(self, message, blob))
 
     def take(self, data: bytes, blob: bytes) -> None:
         """A message has come."""
@@ -207,10 +224,11 @@ class MemoryControlClient:
 
     async def send(self, kind: str, blob: bytes = b"", /, **data: Any) -> None:
         """See `ControlClient`."""
-        server = self._connect()
-        if server is not None and server.endpoint is not None:
-            message = pack_message(kind, **data)
-            server.endpoint.inbound.push(lambda: server.take(self, message, blob))
+        server, message = self._server, pack_message(kind, **data)
+        if server is None:
+            self._unsent.append((message, blob))
+        elif self.endpoint is not None and server.endpoint is not None and self.endpoint.reaches(server.endpoint):
+            self._send(server, message, blob)
 
     def close(self) -> None:
         """See `ControlClient`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
+import inspect
 import traceback
 import types
 from collections.abc import Callable, Coroutine, Generator
@@ -39,6 +40,7 @@ class VirtualProcess:
         self.sockets: list[Closable] = []
         self._tasks: set[asyncio.Task[Any]] = set()
         self._main: asyncio.Task[int] | None = None
+        self._unstarted: list[Coroutine[Any, Any, int]] = []
         self._resumed: asyncio.Future[None] | None = None
         self._deferred: list[Callable[[], None]] = []
         self._killed = False
@@ -48,7 +50,8 @@ class VirtualProcess:
         """Run `main`, whose result is the exit code, in the running event loop."""
         context = copy_context()
         context.run(CURRENT.set, self)
-        self._main = asyncio.get_running_loop().create_task(self._guard(main), context=context)
+        self._unstarted = [guarded := self._guard(main), main]
+        self._main = asyncio.get_running_loop().create_task(guarded, context=context)
 
     async def _guard(self, main: Coroutine[Any, Any, int]) -> int:
         try:
@@ -86,6 +89,9 @@ class VirtualProcess:
         if not self.running:
             return
         self._killed = True
+        for work in self._unstarted:
+            if inspect.getcoroutinestate(work) == inspect.CORO_CREATED:
+                work.close()
         for socket in list(self.sockets):
             socket.kill()
         for task in list(self._tasks):
