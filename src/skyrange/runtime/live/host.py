@@ -179,9 +179,17 @@ def join(
     """
     system = RealSystem()
     own = address or _own_address(remote)
+    system.run(serve_range(remote, keys, own, wait_s=wait_s, on_word=on_word, system=system))
+
+
+async def serve_range(remote: Address, keys: Keys, own: str, *, wait_s: float, on_word: OnWord, system: System) -> None:
+    """`join`, in a running event loop, with the address `own`."""
     root = Path(tempfile.mkdtemp(prefix="skyrange-node-"))
+    client = system.control_client(f"{HOST_PREFIX}{own}", remote, keys)
+    client.open()
+    on_word(f"waiting for a range at {text(remote)}")
     try:
-        system.run(serve_range(remote, keys, own, root, wait_s=wait_s, on_word=on_word, system=system))
+        await HostAgent(own, client, root, on_word, system).serve(wait_s)
     except ComponentError as error:
         kept = any((root / PARTS).glob("*/manifest.json"))
         if kept:
@@ -191,18 +199,8 @@ def join(
     except BaseException:
         shutil.rmtree(root, ignore_errors=True)
         raise
-    shutil.rmtree(root, ignore_errors=True)
-
-
-async def serve_range(
-    remote: Address, keys: Keys, own: str, root: Path, *, wait_s: float, on_word: OnWord, system: System
-) -> None:
-    """`join`, in a running event loop, with the address `own` and the folder `root` for what is recorded here."""
-    client = system.control_client(f"{HOST_PREFIX}{own}", remote, keys)
-    client.open()
-    on_word(f"waiting for a range at {text(remote)}")
-    try:
-        await HostAgent(own, client, root, on_word, system).serve(wait_s)
+    else:
+        shutil.rmtree(root, ignore_errors=True)
     finally:
         client.close()
 
