@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from skyrange.study.export import remote_id as export_remote_id
     from skyrange.study.figures import altitude, plan_view, track_deviation, trajectories_3d
     from skyrange.study.overheard import overheard, receivers_of
-    from skyrange.study.pairing import Pair, load_pair
+    from skyrange.study.pair_folder import Pair, load_pair
     from skyrange.study.parity import Parity, compare_rates
     from skyrange.study.parity import compare as compare_autopilots
     from skyrange.study.receptions import hearings, who_heard_whom

@@ -1,6 +1,7 @@
-"""Does a live range fly as in virtual time? Every shipped scenario both ways, compared as `skyrange diff` does.
+"""Agreement of a live range with the run in virtual time: every shipped scenario, compared as `skyrange diff` does.
 
-`python -m tests.integration.live_agrees [NAME …] [--out FOLDER]` flies them in real time and prints a table.
+`python -m tests.integration.live_agrees [NAME …] [--out FOLDER]` flies them in real time and prints a table; with
+`--virtual` the live ranges too are in virtual time, on transports in memory.
 """
 
 from __future__ import annotations
@@ -16,9 +17,12 @@ from skyrange.record import RunRecord, load
 from skyrange.runtime.live.plan import Group
 from skyrange.runtime.live.range import prepare
 from skyrange.runtime.live.supervisor import fly
+from skyrange.runtime.live.system import System
 from skyrange.runtime.run import Run
 from skyrange.scenario.catalogue import load as load_scenario
 from skyrange.study.agreement import Agreement, Kind, agreement
+from skyrange.testing.live import VirtualNetwork, VirtualSystem
+from tests.integration.live_virtual import JITTER_S
 
 TOLERANCE_S: Final = 1.5
 """Of every note. Uploads are some thirty questions and answers, each through three programs that look at their mail 50
@@ -95,14 +99,21 @@ class Both:
         return max((max(abs(kind.least_s), abs(kind.most_s)) for kind in kinds), default=0.0)
 
 
-def fly_both(name: str, folder: Path, port_offset: int = 0, seconds: float | None = None) -> Both:
-    """Fly a shipped scenario live and in virtual time, into `folder`."""
+def fly_both(
+    name: str, folder: Path, port_offset: int = 0, seconds: float | None = None, system: System | None = None
+) -> Both:
+    """Fly a shipped scenario as a live range, on this machine or on `system`, and as a run, into `folder`."""
     flight = FLIGHTS[name]
     scenario = load_scenario(name, [f"duration_s={seconds or flight.seconds}"])
-    flown = prepare(scenario, folder / "live", group=flight.group, port_offset=port_offset)
+    flown = prepare(scenario, folder / "live", group=flight.group, port_offset=port_offset, system=system)
     fly(flown)
     Run.start(scenario, folder / "virtual").execute()
     return compared(name, folder / "live", folder / "virtual")
+
+
+def virtual(seed: int = 0) -> VirtualSystem:
+    """A system in virtual time whose network is as late as a machine's."""
+    return VirtualSystem(network=VirtualNetwork(jitter_s=JITTER_S, seed=seed))
 
 
 def compared(name: str, live: Path, virtual: Path) -> Both:
@@ -144,6 +155,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FLIGHTS)}; default: all")
     parser.add_argument("--out", type=Path, help="keep the runs in this folder, and take those that are there")
     parser.add_argument("--port-offset", type=int, default=0)
+    parser.add_argument("--virtual", action="store_true", help="fly the live ranges in virtual time")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as kept:
         folder = asked.out or Path(kept)
@@ -152,7 +164,7 @@ def main() -> None:
             if (folder / name / "virtual").exists():
                 both = compared(name, folder / name / "live", folder / name / "virtual")
             else:
-                both = fly_both(name, folder / name, asked.port_offset)
+                both = fly_both(name, folder / name, asked.port_offset, system=virtual() if asked.virtual else None)
             print(row(both), flush=True)
             for line in both.wrong:
                 print(f"    {line}", flush=True)

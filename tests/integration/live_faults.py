@@ -1,11 +1,12 @@
-"""What becomes of a live range that is harmed in mid-flight? Each fault on a real range; the table of the docs.
+"""Faults injected into a live range in flight: on processes and sockets, or in virtual time; the table of the docs.
 
-`python -m tests.integration.live_faults docs/explanation/live-faults.md` flies all, for some ten minutes, and puts the
-table into the page.
+`python -m tests.integration.live_faults docs/explanation/live-faults.md` flies all of them for some ten minutes, and
+puts the table into the page.
 """
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import json
 import os
@@ -17,15 +18,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
+from skyrange.core.errors import ComponentError, SkyrangeError
 from skyrange.core.time import NS_PER_S
-from skyrange.record import load
-from tests.integration.live_programs import until
-from tests.integration.test_live_range import MAIN, nodes
+from skyrange.record import RunRecord, load
+from skyrange.testing.live import VirtualNetwork, VirtualSystem
+from tests.integration.live_programs import MAIN, nodes, until
+from tests.integration.live_virtual import JITTER_S, VirtualFlight, fly_virtual, prepared
 from tests.ports import OFFSET
 
 SCENARIO = """
@@ -59,7 +62,9 @@ params = {{ FS_GCS_ENABLE = 1, FS_GCS_TIMEOUT = 25, RTL_ALT = 400, RTL_LOIT_TIME
 """Two aircraft, 30 m out and down there: within 33 s if nothing comes in between. b1's autopilot goes home four seconds
 after it last heard its ground station, b2's after 25."""
 ALOFT_S = 5.0
-"""So long after both took off faults are done: they are on their way out."""
+"""From when both took off to the fault: they are on their way out."""
+START_S = 3.0
+"""What a process takes to start, as docs/explanation/live-faults.md says of real ones; in virtual time."""
 SAID = {
     "decision.link_lost": "link lost",
     "decision.link_restored": "link restored",
@@ -81,9 +86,34 @@ class Row(NamedTuple):
     outcome: str
 
 
+class Harmed(Protocol):
+    """A live range that faults are injected into."""
+
+    hit_s: float
+    """The range's time at which the first fault was injected."""
+
+    async def kill(self, *parts: str) -> None:
+        """Kill the processes that record into these parts."""
+
+    async def pause(self, part: str, seconds: float = 5.0) -> None:
+        """Stop a process, and let it go on."""
+
+    async def hold_up(self, part: str, seconds: float = 4.0) -> None:
+        """Have a process that is being started take so much longer, at least: b1's failsafe does not wait for it."""
+
+    async def until(self, time_s: float) -> None:
+        """Wait for the range's time."""
+
+    async def cut_tcp(self) -> None:
+        """Reset the TCP connection of the link log:blue/b2."""
+
+    async def fill_disk(self) -> None:
+        """Let no process write any more."""
+
+
 @dataclass
-class Harmed:
-    """A live range in a folder of its own."""
+class RealHarmed:
+    """A live range of processes in a folder of its own. Its methods block: nothing else runs in their event loop."""
 
     folder: Path
     process: subprocess.Popen[str]
@@ -92,7 +122,7 @@ class Harmed:
     hit_s: float = 0.0
 
     @classmethod
-    def start(cls, folder: Path, seconds: float, on_death: str) -> Harmed:
+    def start(cls, folder: Path, seconds: float, on_death: str) -> RealHarmed:
         scenario = folder / "faults.toml"
         scenario.write_text(SCENARIO.format(seconds=seconds, on_death=on_death))
         command = [
@@ -109,24 +139,23 @@ class Harmed:
         times = load(part).table("truth", ["time_ns"]).column("time_ns")
         return max(times.to_pylist(), default=-NS_PER_S) / NS_PER_S
 
-    def until(self, time_s: float) -> None:
-        """Wait for the range's time."""
-        until(lambda: self.now_s() >= time_s or self.process.poll() is not None, 300.0, f"{time_s:g} s of flight")
-        assert self.process.poll() is None, self.process.communicate()
+    def reach(self, time_s: float) -> None:
+        until(lambda: self.now_s() >= time_s, 300.0, f"{time_s:g} s of flight", self.process)
         self.hit_s = self.hit_s or time_s
+
+    async def until(self, time_s: float) -> None:
+        self.reach(time_s)
 
     def aloft(self) -> None:
         """Wait until both have been in the air for a while."""
 
         def taken_off() -> bool:
             part = self.part("world")
-            if self.process.poll() is not None:
-                return True
             kinds = load(part).table("events", ["kind"]).column("kind").to_pylist() if self.now_s() > 0 else []
             return kinds.count("event.takeoff") == 2
 
-        until(taken_off, 300.0, "both aloft")
-        self.until(self.now_s() + ALOFT_S)
+        until(taken_off, 300.0, "both aloft", self.process)
+        self.reach(self.now_s() + ALOFT_S)
 
     def part(self, node: str) -> Path:
         return self.folder / "run" / ".parts" / node
@@ -134,28 +163,75 @@ class Harmed:
     def pid(self, node: str) -> int:
         return nodes(self.folder)[node]
 
-    def kill(self, *names: str) -> None:
-        for name in names:
-            os.kill(self.pid(name), signal.SIGKILL)
+    async def kill(self, *parts: str) -> None:
+        for part in parts:
+            os.kill(self.pid(part), signal.SIGKILL)
 
-    def pause(self, name: str, seconds: float = 5.0) -> None:
-        pid = self.pid(name)
+    async def pause(self, part: str, seconds: float = 5.0) -> None:
+        pid = self.pid(part)
         os.kill(pid, signal.SIGSTOP)
         time.sleep(seconds)
         os.kill(pid, signal.SIGCONT)
 
-    def hold_up(self, name: str, seconds: float = 4.0) -> None:
-        """Have a process that is being started take so much longer, at least: b1's failsafe does not wait for it."""
-        until(lambda: name in nodes(self.folder), 20.0, f"a start of {name}")
-        self.pause(name, seconds)
+    async def hold_up(self, part: str, seconds: float = 4.0) -> None:
+        until(lambda: part in nodes(self.folder), 20.0, f"a start of {part}", self.process)
+        await self.pause(part, seconds)
 
-    def end(self) -> Any:
+    async def cut_tcp(self) -> None:
+        cut = ["ss", "-K", "dst", "127.0.0.1", "dport", "=", f":{14561 + OFFSET}"]
+        subprocess.run(cut, check=True, capture_output=True)
+
+    async def fill_disk(self) -> None:
+        for pid in (*nodes(self.folder).values(), self.process.pid):
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
+
+    def end(self) -> RunRecord:
         """Wait for its end; its record."""
         try:
             self.out, self.err = self.process.communicate(timeout=150.0)
         finally:
             self.process.kill()
         return load(self.folder / "run")
+
+
+@dataclass
+class VirtualHarmed:
+    """A live range in virtual time."""
+
+    flight: VirtualFlight
+    hit_s: float = 0.0
+    ended_by: SkyrangeError | None = None
+
+    @classmethod
+    def start(cls, folder: Path, seconds: float, on_death: str) -> VirtualHarmed:
+        system = VirtualSystem(network=VirtualNetwork(jitter_s=JITTER_S), start_s=START_S)
+        return cls(prepared(SCENARIO.format(seconds=seconds, on_death=on_death), folder, system=system))
+
+    async def until(self, time_s: float) -> None:
+        await self.flight.reach(time_s)
+
+    async def kill(self, *parts: str) -> None:
+        for part in parts:
+            process = self.flight.process(part)
+            assert process is not None
+            process.kill()
+
+    async def pause(self, part: str, seconds: float = 5.0) -> None:
+        process = self.flight.process(part)
+        assert process is not None
+        process.pause()
+        await asyncio.sleep(seconds)
+        process.resume()
+
+    async def hold_up(self, part: str, seconds: float = 4.0) -> None:
+        await self.flight.until(lambda: self.flight.process(part), 20.0, f"a start of {part}")
+        await self.pause(part, seconds)
+
+    async def cut_tcp(self) -> None:
+        self.flight.system.network.cut_connections(14561)
+
+    async def fill_disk(self) -> None:
+        raise NotImplementedError("the disk is the system's")
 
 
 def story(record: Any, vehicle: str, since_s: float) -> tuple[str, str, str]:
@@ -194,7 +270,7 @@ class Fault:
 
     name: str
     what: str
-    do: Callable[[Harmed], None]
+    do: Callable[[Harmed], Awaitable[None]]
     seconds: float = 40.0
     on_death: str = "restart"
     code: int = 0
@@ -210,83 +286,105 @@ class Fault:
         ]
 
 
-def _station_killed(harmed: Harmed) -> None:
-    harmed.kill("blue.gcs")
-    harmed.hold_up("blue.gcs.2")
+async def _kill_station(harmed: Harmed) -> None:
+    await harmed.kill("blue.gcs")
+    await harmed.hold_up("blue.gcs.2")
 
 
-def _others_killed(harmed: Harmed) -> None:
-    harmed.kill("blue-b1.companion", "blue-b2.proxy", "approval")
-    harmed.hold_up("blue-b1.companion.2")
+async def _kill_others(harmed: Harmed) -> None:
+    await harmed.kill("blue-b1.companion", "blue-b2.proxy", "approval")
+    await harmed.hold_up("blue-b1.companion.2")
 
 
-def _others_killed_for_good(harmed: Harmed) -> None:
-    harmed.kill("blue-b1.companion", "blue-b2.proxy", "approval")
+async def _kill_others_for_good(harmed: Harmed) -> None:
+    await harmed.kill("blue-b1.companion", "blue-b2.proxy", "approval")
 
 
-def _world_killed(harmed: Harmed) -> None:
-    harmed.kill("world")
+async def _kill_world(harmed: Harmed) -> None:
+    await harmed.kill("world")
 
 
-def _station_paused(harmed: Harmed) -> None:
-    harmed.pause("blue.gcs")
+async def _pause_station(harmed: Harmed) -> None:
+    await harmed.pause("blue.gcs")
 
 
-def _world_paused(harmed: Harmed) -> None:
-    harmed.pause("world")
+async def _pause_world(harmed: Harmed) -> None:
+    await harmed.pause("world")
 
 
-def _tcp_cut(harmed: Harmed) -> None:
+async def _cut_tcp(harmed: Harmed) -> None:
     for number in range(5):
-        cut = ["ss", "-K", "dst", "127.0.0.1", "dport", "=", f":{14561 + OFFSET}"]
-        subprocess.run(cut, check=True, capture_output=True)
-        harmed.until(harmed.hit_s + 1.0 + number)
+        await harmed.cut_tcp()
+        await harmed.until(harmed.hit_s + 1.0 + number)
 
 
-def _disk_full(harmed: Harmed) -> None:
-    for pid in (*nodes(harmed.folder).values(), harmed.process.pid):
-        resource.prlimit(pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
+async def _fill_disk(harmed: Harmed) -> None:
+    await harmed.fill_disk()
 
 
 FAULTS = (
-    Fault("station", "ground station killed, and started anew", _station_killed),
+    Fault("station", "ground station killed, and started anew", _kill_station),
     Fault(
-        "others", "", _others_killed,
+        "others", "", _kill_others,
         differs={
             "blue/b1": "companion killed (and the approval), and started anew",
             "blue/b2": "proxy killed (and the approval), and started anew",
         },
     ),
     Fault(
-        "others for good", "", _others_killed_for_good, on_death="continue",
+        "others for good", "", _kill_others_for_good, on_death="continue",
         differs={
             "blue/b1": "companion killed (and the approval), `continue`",
             "blue/b2": "proxy killed (and the approval), `continue`",
         },
     ),
-    Fault("world", "world killed", _world_killed, code=3),
-    Fault("station paused", "ground station paused for 5 s", _station_paused),
-    Fault("world paused", "world with all autopilots paused for 5 s", _world_paused),
-    Fault("link", "TCP of the link log:blue/b2 cut, five times", _tcp_cut),
-    Fault("disk", "no room on the disk", _disk_full, on_death="stop", code=3),
+    Fault("world", "world killed", _kill_world, code=3),
+    Fault("station paused", "ground station paused for 5 s", _pause_station),
+    Fault("world paused", "world with all autopilots paused for 5 s", _pause_world),
+    Fault("link", "TCP of the link log:blue/b2 cut, five times", _cut_tcp),
+    Fault("disk", "no room on the disk", _fill_disk, on_death="stop", code=3),
 )  # fmt: skip
 HEAD = Row(
     "what was done 5 s after take-off", "aircraft", "its ground station notes", "its autopilot changes to", "mission"
 )
 
 
-def harm(fault: Fault, folder: Path) -> tuple[Harmed, Any]:
-    """Do it; the range and its record."""
-    harmed = Harmed.start(folder, fault.seconds, fault.on_death)
+def harm(fault: Fault, folder: Path) -> tuple[RealHarmed, RunRecord]:
+    """Inject it into a range of real processes; the range and its record."""
+    harmed = RealHarmed.start(folder, fault.seconds, fault.on_death)
     try:
         harmed.aloft()
-        fault.do(harmed)
+        asyncio.run(_inject(fault, harmed))
         record = harmed.end()
     finally:
         harmed.process.kill()
     assert harmed.process.returncode == fault.code, harmed.err
     until(lambda: not nodes(folder), 10.0, "no process left")
     return harmed, record
+
+
+def harm_virtual(fault: Fault, folder: Path) -> tuple[VirtualHarmed, RunRecord]:
+    """Inject it into a range in virtual time; the range and its record."""
+    harmed = VirtualHarmed.start(folder, fault.seconds, fault.on_death)
+
+    async def meddle(flight: VirtualFlight) -> None:
+        await flight.decided("world", "events", "event.takeoff", 2)
+        await flight.reach(flight.range.now_s + ALOFT_S)
+        harmed.hit_s = flight.range.now_s
+        await fault.do(harmed)
+
+    try:
+        record = fly_virtual(harmed.flight, meddle)
+    except ComponentError as error:
+        harmed.ended_by, record = error, load(harmed.flight.folder)
+    code = harmed.ended_by.exit_code if harmed.ended_by is not None else 0
+    assert code == fault.code, harmed.ended_by
+    assert not any(process.running for starts in harmed.flight.system.processes.values() for process in starts)
+    return harmed, record
+
+
+async def _inject(fault: Fault, harmed: Harmed) -> None:
+    await fault.do(harmed)
 
 
 def table(rows: Sequence[Row]) -> str:

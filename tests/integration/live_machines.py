@@ -1,4 +1,4 @@
-"""Machines for live ranges: networks of their own on one switch, each with a clock of its own. Needs root on Linux.
+"""Machines for live ranges: network namespaces on one switch, each with a clock of its own. Needs root on Linux.
 
 A machine is a network namespace with a time namespace: nothing is between them but the network.
 """
@@ -96,10 +96,10 @@ def manifest(folder: Path) -> dict[str, Any]:
 
 def process_of(part: Path) -> int:
     """The process that records into `part`, on whichever machine; 0 while there is none."""
-    orders = os.fsencode(f"{part}.program/orders.json")
+    config = os.fsencode(f"{part}.program/node.json")
     for entry in Path("/proc").iterdir():
         try:
-            if entry.name.isdigit() and orders in (entry / "cmdline").read_bytes().split(b"\0"):
+            if entry.name.isdigit() and config in (entry / "cmdline").read_bytes().split(b"\0"):
                 return int(entry.name)
         except OSError:  # it has ended
             continue

@@ -14,18 +14,20 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from threading import Timer
+from threading import Event, Thread
 from typing import Any
 
 import pytest
 
 from skyrange.record import RunRecord, load
+from skyrange.runtime.live import process
 from tests.tiers import needs_mavproxy as needs_mavproxy
 from tests.tiers import needs_tshark as needs_tshark
 
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 MAVPROXY = shutil.which("mavproxy.py")
 TSHARK = shutil.which("tshark")
+NODE_MODULE = process.__name__
 LAT, LON = -35.363328, 149.1652241
 CLIENTS = Path(__file__).parent / "clients"
 ONE_AIRCRAFT = f"""
@@ -64,15 +66,28 @@ def clean() -> dict[str, str]:
     return environment
 
 
-def until(holds: Callable[[], Any], seconds: float, what: str) -> Any:
-    """What `holds` gives once it gives anything."""
+def until(holds: Callable[[], Any], seconds: float, what: str, *while_running: subprocess.Popen[Any]) -> Any:
+    """What `holds` gives once it gives anything; fails at once where one of `while_running` has ended before."""
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
+        ended = [program for program in while_running if program.poll() is not None]
         found = holds()
         if found:
             return found
+        if ended:
+            raise AssertionError(f"{what}: {_command(ended[0])} ended with {ended[0].returncode}{_words(ended[0])}")
         time.sleep(0.05)
     raise AssertionError(f"not within {seconds:g} s: {what}")
+
+
+def _command(program: subprocess.Popen[Any]) -> str:
+    return " ".join(map(str, program.args[-4:])) if isinstance(program.args, list) else str(program.args)
+
+
+def _words(program: subprocess.Popen[Any]) -> str:
+    """What a program that has ended said, as far as that is ours to read."""
+    said = program.stderr.read() if program.stderr is not None and not program.stderr.closed else ""
+    return f": {said}" if said else ""
 
 
 class Flight:
@@ -97,10 +112,9 @@ class Flight:
         part = self.folder / "run" / ".parts" / node
 
         def rows() -> bool:
-            assert self.program.poll() is None, self.said
             return (part / "manifest.json").exists() and load(part).rows("frames") > 0
 
-        until(rows, 150.0, f"{node} to fly")
+        until(rows, 150.0, f"{node} to fly", self.program)
         return part
 
     def kill(self, node: str) -> None:
@@ -116,7 +130,7 @@ class Flight:
         return port
 
     def _process(self, node: str) -> int:
-        orders = str(self.folder / "run" / ".parts" / f"{node}.program" / "orders.json").encode()
+        orders = str(self.folder / "run" / ".parts" / f"{node}.program" / "node.json").encode()
         (found,) = [entry for entry in Path("/proc").iterdir() if entry.name.isdigit() and orders in _command_of(entry)]
         return int(found.name)
 
@@ -125,6 +139,17 @@ class Flight:
         out, _ = self.program.communicate(timeout=150.0)
         assert self.program.returncode == 0, self.said
         return json.loads(out), load(self.folder / "run")
+
+
+def nodes(folder: Path) -> dict[str, int]:
+    """The process ids of the nodes of the range in a folder, by the names of their parts."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            command = [word.decode() for word in _command_of(entry)]
+            if NODE_MODULE in command and str(folder) in command[-2]:
+                found[Path(command[-2]).parent.stem] = int(entry.name)
+    return found
 
 
 def _command_of(process: Path) -> list[bytes]:
@@ -154,29 +179,64 @@ def skyrange(*arguments: object) -> list[str]:
     return [sys.executable, "-c", MAIN, *map(str, arguments)]
 
 
-def client(python: str, script: str, *arguments: object, within_s: float = 150.0) -> subprocess.CompletedProcess[str]:
-    """Run a program of `clients` to its end."""
-    return subprocess.run(
-        [python, str(CLIENTS / script), *map(str, arguments)],
-        capture_output=True, text=True, env=clean(), timeout=within_s, check=False,
-    )  # fmt: skip
+@contextmanager
+def killed_after(program: subprocess.Popen[Any], seconds: float, *others: subprocess.Popen[Any]) -> Iterator[None]:
+    """Kill a program at the end, after so many seconds, or when one of `others` has ended: it waits for nothing more.
+
+    So reading what it prints ends with what it depends on, but for two seconds of last words.
+    """
+    over = Event()
+
+    def watch() -> None:
+        deadline = time.monotonic() + seconds
+        while not over.wait(0.1) and time.monotonic() < deadline:
+            if any(other.poll() is not None for other in others):
+                over.wait(2.0)
+                break
+        program.kill()
+
+    watcher = Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        over.set()
+        watcher.join()
+        program.kill()
+        program.communicate()
+
+
+def exit_code(program: subprocess.Popen[Any], seconds: float, *others: subprocess.Popen[Any]) -> int:
+    """How a program ends within so many seconds; fails at once where one of `others` fails before it."""
+    until(lambda: program.poll() is not None or any(other.poll() for other in others), seconds, "its end")
+    failed = [other for other in others if program.poll() is None]
+    assert not failed, [(_command(other), other.poll()) for other in failed]
+    assert program.returncode is not None
+    return int(program.returncode)
+
+
+def client(
+    python: str, script: str, *arguments: object, of: subprocess.Popen[Any], within_s: float = 150.0
+) -> subprocess.CompletedProcess[str]:
+    """Run a program of `clients` to its end, or to that of the range `of`."""
+    command = [python, str(CLIENTS / script), *map(str, arguments)]
+    program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=clean())
+    with killed_after(program, within_s, of):
+        out, err = program.communicate()
+    return subprocess.CompletedProcess(command, program.returncode, out, err)
 
 
 @contextmanager
-def beside(command: Sequence[str], folder: Path, within_s: float = 150.0) -> Iterator[subprocess.Popen[str]]:
-    """A program that runs beside the range, with its console in our hands."""
+def beside(
+    command: Sequence[str], folder: Path, within_s: float = 150.0, of: subprocess.Popen[Any] | None = None
+) -> Iterator[subprocess.Popen[str]]:
+    """A program that runs beside a range, at most as long as `of`, with its console in our hands."""
     program = subprocess.Popen(
         list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=folder,
         env={**(os.environ if MAIN in command else clean()), "HOME": str(folder), "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
-    ends = Timer(within_s, program.kill)
-    ends.start()
-    try:
+    with killed_after(program, within_s, *([of] if of is not None else [])):
         yield program
-    finally:
-        ends.cancel()
-        program.kill()
-        program.communicate()
 
 
 def heard(program: subprocess.Popen[str], pattern: str) -> re.Match[str]:

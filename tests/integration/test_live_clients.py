@@ -1,4 +1,4 @@
-"""Do real programs take part in a live range? Ground stations, viewers, an attacker's script, Wireshark."""
+"""Real programs that take part in a live range: ground stations, viewers, an attacker's script, Wireshark."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ pytestmark = pytest.mark.realtime
 def test_mavsdk_is_an_operators_ground_station(tmp_path: Path) -> None:
     python = mavsdk_python()
     with live(tmp_path, ONE_AIRCRAFT.format(seconds=38), OFFSET, "--external", "blue.gcs", "--group", "one") as flight:
-        station = client(python, "mavsdk_station.py", 14555 + OFFSET, LAT, LON)
+        station = client(python, "mavsdk_station.py", 14555 + OFFSET, LAT, LON, of=flight.program)
         assert station.returncode == 0, station.stdout + station.stderr
         words = [line.split()[0] for line in station.stdout.splitlines() if line.split()[0].islower()]
         assert words == ["found", "uploaded", "armed", "flies", "landed"]
@@ -90,7 +90,7 @@ def test_viewers_see_all_and_are_heard_by_nobody(who: str, tmp_path: Path) -> No
     scenario = FAILSAFE.format(seconds=26)
     with live(tmp_path, scenario, OFFSET, "--qgc", "--group", "component", "--on-death", "continue") as flight:
         flight.flying()
-        with beside(command, tmp_path) as console:
+        with beside(command, tmp_path, of=flight.program) as console:
             watch(console, port)
             flight.kill("blue.gcs")
             # its own heartbeats go on: they would hide that the station is lost
@@ -113,10 +113,11 @@ def test_viewers_see_all_and_are_heard_by_nobody(who: str, tmp_path: Path) -> No
 def test_a_script_on_the_network_lands_the_aircraft_and_lies_to_the_ground_station(tmp_path: Path) -> None:
     with live(tmp_path, ONE_AIRCRAFT.format(seconds=14), OFFSET, "--group", "component") as flight:
         part = flight.flying("blue.gcs")
-        until(lambda: "decision.started" in decided(load(part)), 30.0, "the mission to start")
+        until(lambda: "decision.started" in decided(load(part)), 30.0, "the mission to start", flight.program)
         ports = flight.udp_port("blue-b1.companion"), flight.udp_port("blue.gcs")
         assert ports[1] == 14555 + OFFSET
-        script = client(sys.executable, "mavlink_intruder.py", *ports, LAT + 0.5, LON)
+        intruder = (sys.executable, "mavlink_intruder.py", *ports, LAT + 0.5, LON)
+        script = client(*intruder, of=flight.program)
         assert script.returncode == 0, script.stderr
         _, record = flight.landed()
     assert record.manifest["crossings"]["outside"] == 6

@@ -1,7 +1,4 @@
-"""Is all that one machine offers there on others too? Processes started anew, a tap, a viewer, over three machines.
-
-The same in networks of one machine's own (`--netns`).
-"""
+"""A live range over three machines with a process killed, a tap and a viewer; the same in namespaces (`--netns`)."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import itertools
 import os
 import re
 import signal
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,7 +29,7 @@ from tests.integration.live_machines import (
     range_keys,
     switched,
 )
-from tests.integration.live_programs import CLIENTS, beside, heard, kinds, skyrange, until
+from tests.integration.live_programs import CLIENTS, beside, exit_code, heard, kinds, skyrange, until
 from tests.ports import OFFSET
 
 pytestmark = [pytest.mark.realtime, needs_machines]
@@ -68,21 +66,24 @@ LINK, TAP = "log:green/g1", "tap-process@log:green/g1.proxy"
 LOST = "green-g1.companion"
 
 
-def meddle(folder: Path, there: Path, at: Sequence[str], viewed: Sequence[str], port: int) -> None:
+def meddle(
+    folder: Path, there: Path, at: Sequence[str], viewed: Sequence[str], port: int, flight: subprocess.Popen[bytes]
+) -> None:
     """While it flies: a tap on `LINK` and a viewer, then `LOST` is killed, whose parts are in `there`.
 
     `at` comes before commands on the link's machine, `viewed` before those where viewers are.
     """
     tapping = [*at, *skyrange("tap", LINK, "--listen", "127.0.0.1:0", "--run", there)]
     watching = [*viewed, sys.executable, str(CLIENTS / "watch_position.py"), str(port)]
-    with beside(tapping, folder) as tap:
+    with beside(tapping, folder, of=flight) as tap:
         address = heard(tap, r"a program may call (\S+)")[1]
-        tool = beside([*at, sys.executable, str(CLIENTS / "drop_status.py"), address], folder)
-        with tool as program, beside(watching, folder) as viewer:
+        tool = beside([*at, sys.executable, str(CLIENTS / "drop_status.py"), address], folder, of=flight)
+        with tool as program, beside(watching, folder, of=flight) as viewer:
             lat = int(heard(viewer, r"SEEN system 1 lat (-?\d+)")[1])
             assert abs(lat / 1e7 + 35.363328) < 0.01
             heard(program, "dropped")
-            until(lambda: "event.takeoff" in kinds(load(folder / "run" / ".parts" / "world"), "green/g1"), 60, "aloft")
+            world = folder / "run" / ".parts" / "world"
+            until(lambda: "event.takeoff" in kinds(load(world), "green/g1"), 60, "aloft", flight)
             os.kill(process_of(there / ".parts" / LOST), signal.SIGKILL)
             counts = heard(tap, rf"{LINK}: (.*)")[1]
     assert re.search(r"[1-9]\d* dropped", counts), counts
@@ -130,11 +131,11 @@ def test_three_machines_with_a_tap_a_viewer_and_a_process_killed_and_started_ane
             begin([*second, *node(keys / "lab2.key_secret")], logs[1]),
         ]
         try:
-            until(lambda: "flying" in logs[0].read_text() or programs[1].poll() is not None, 300, "it flies")
+            until(lambda: "flying" in logs[0].read_text(), 300, "it flies", *programs)
             there = re.search(r"joined far as \S+; its folder here is (\S+)", logs[2].read_text())
             assert there is not None, [log.read_text() for log in logs]
-            meddle(tmp_path, Path(there[1]), third, first, 5773)
-            assert programs[1].wait(120) == 0, [log.read_text() for log in logs]
+            meddle(tmp_path, Path(there[1]), third, first, 5773, programs[1])
+            assert exit_code(programs[1], 120, programs[0], programs[2]) == 0, [log.read_text() for log in logs]
             assert [programs[0].wait(20), programs[2].wait(20)] == [0, 0], [log.read_text() for log in logs]
         finally:
             for program in programs:
@@ -163,8 +164,8 @@ def test_networks_of_their_own_with_a_tap_a_viewer_and_a_process_killed_and_star
     log = tmp_path / "live.log"
     flight = begin(skyrange("live", tmp_path / "far.toml", *options), log)
     try:
-        until(lambda: "flying" in log.read_text() or flight.poll() is not None, 300, "it flies")
-        meddle(tmp_path, tmp_path / "run", (), (), port + 10)
+        until(lambda: "flying" in log.read_text(), 300, "it flies", flight)
+        meddle(tmp_path, tmp_path / "run", (), (), port + 10, flight)
         assert flight.wait(120) == 0, log.read_text()
     finally:
         flight.kill()

@@ -1,4 +1,4 @@
-"""Every socket of a live range that flies gets random bytes, half messages, floods and slow readers: it survives."""
+"""Every socket of a live range in flight gets random bytes, half messages, floods and slow readers: it survives."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ import zmq
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.record.run import RunRecord
-from skyrange.runtime.live.orders import Orders
-from tests.integration.live_faults import Harmed
-from tests.integration.test_live_range import nodes
+from skyrange.runtime.live.orders import NodeConfig
+from tests.integration.live_faults import RealHarmed
+from tests.integration.live_programs import nodes
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 SECONDS = 20.0
 MOST_GROWN_KB = 150_000
 """Of a process's resident memory, over what it had when the range flew and nobody harmed it: ZeroMQ queues of 256
@@ -125,10 +125,10 @@ def resident_kb(pid: int) -> int:
 def addresses(folder: Path) -> dict[str, tuple[str, Address]]:
     """Transport and address of everything that listens, by link, and the control socket."""
     found: dict[str, tuple[str, Address]] = {}
-    for path in (folder / "run" / ".parts").glob("*.program/orders.json"):
-        orders = Orders.from_json(path.read_text())
-        found["control"] = ("control", orders.control)
-        found |= {one.link.name: (one.transport, one.address) for one in orders.crossings}
+    for path in (folder / "run" / ".parts").glob("*.program/node.json"):
+        config = NodeConfig.from_json(path.read_text())
+        found["control"] = ("control", config.control)
+        found |= {one.link.name: (one.transport, one.address) for one in config.crossings}
     return found
 
 
@@ -142,11 +142,11 @@ WAYS: dict[str, tuple[tuple[Callable[[Address, random.Random], None], float], ..
 
 
 def test_it_flies_on_under_random_bytes_floods_and_slow_readers(tmp_path: Path) -> None:
-    harmed = Harmed.start(tmp_path, 40.0, "stop")
+    harmed = RealHarmed.start(tmp_path, 40.0, "stop")
     hostile = Hostile(os.getpid())
     grown: dict[str, int] = {}
     try:
-        harmed.until(7.0)
+        harmed.reach(7.0)
         targets = addresses(tmp_path)
         assert {transport for transport, _ in targets.values()} == set(WAYS)
         pids = nodes(tmp_path)

@@ -1,4 +1,7 @@
-"""Does a program of anybody's stand on a live link? The one of the how-to page, until it is killed."""
+"""A program on a live link, as a process: the one of the how-to page, until it is killed.
+
+`test_live_taps_virtual` has the same in virtual time, with another program.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +26,12 @@ def test_the_tool_of_the_page_delays_and_alters_commands_and_dies(tmp_path: Path
     (tmp_path / "tool.py").write_text(program)
     asked = skyrange("tap", "gcs:blue/b1", "--listen", "127.0.0.1:0", "--run", tmp_path / "run")
     with live(tmp_path, ONE_AIRCRAFT.format(seconds=20), OFFSET, "--group", "component") as flight:
-        with beside(asked, tmp_path) as tap:
+        with beside(asked, tmp_path, of=flight.program) as tap:
             address = heard(tap, r"a program may call (\S+)")[1]
             with beside([sys.executable, str(tmp_path / "tool.py"), address], tmp_path) as tool:
                 heard(tool, "tap-process@gcs:blue/b1.gcs")
                 part = flight.flying("blue.gcs")
-                until(lambda: {"delay", "replace", "drop"} <= done(part), 30.0, "all that it does")
+                until(lambda: {"delay", "replace", "drop"} <= done(part), 30.0, "all that it does", flight.program)
                 tool.kill()  # failed open: the ground station orders again
             counts = heard(tap, r"gcs:blue/b1: (.*)")[1]
             assert re.search(r"[1-9]\d* replaced, [1-9]\d* delayed", counts), counts

@@ -1,4 +1,4 @@
-"""What nodes, machines and supervisor of a live range say to each other, and who may say anything."""
+"""Control channel of a live range: messages, keys, files in split_chunks, clocks of other machines."""
 
 from __future__ import annotations
 
@@ -15,36 +15,45 @@ from hypothesis import strategies as st
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.io.curve_keys import Keys, load_member, load_range, make_range_keys
 from skyrange.runtime.live.addresses import crossings
-from skyrange.runtime.live.clock import JUMP_NS, Echo, Offset, best
-from skyrange.runtime.live.control import CHUNK_BYTES, MOST_BYTES, Desk, Phone, packed, unpacked
-from skyrange.runtime.live.files import chunks, inside, listed, read_chunk, write_chunk
-from skyrange.runtime.live.orders import Orders
-from skyrange.runtime.live.passes import issue
+from skyrange.runtime.live.clock import JUMP_NS, ClockOffset, ClockSample, quickest_sample
+from skyrange.runtime.live.control import (
+    CHUNK_BYTES,
+    MAX_MESSAGE_BYTES,
+    ZmqControlClient,
+    ZmqControlServer,
+    pack_message,
+    unpack_message,
+)
+from skyrange.runtime.live.files import list_files, path_inside, read_chunk, split_chunks, write_chunk
+from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.live.passes import issue_credentials
 from skyrange.runtime.live.plan import plan
+from skyrange.runtime.live.system import RealSystem, System
 from skyrange.scenario.catalogue import load
 from skyrange.scenario.wire import wire
+from skyrange.testing.live import VirtualSystem
 
 MS = 1_000_000
 
 
-def test_orders_survive_their_file() -> None:
+def test_a_config_survives_its_file() -> None:
     links = wire(load("rid-spoofing")).wiring.links
     places = crossings(links, plan(links, "component"))
-    passes = issue(zmq.curve_keypair()[0])
-    orders = Orders("world", ("oracle",), ".parts/world", "127.0.0.1", ("127.0.0.1", 1), tuple(places), passes)
-    assert Orders.from_json(orders.to_json()) == orders
+    credentials = issue_credentials(zmq.curve_keypair()[0])
+    config = NodeConfig("world", ("oracle",), ".parts/world", "127.0.0.1", ("127.0.0.1", 1), tuple(places), credentials)
+    assert NodeConfig.from_json(config.to_json()) == config
 
 
 @given(st.binary(max_size=200))
 def test_control_survives_any_bytes(data: bytes) -> None:
-    said = unpacked(data)
+    said = unpack_message(data)
     assert said is None or isinstance(said["kind"], str)
 
 
 def test_control_takes_objects_of_a_kind_and_nothing_else() -> None:
-    assert unpacked(packed("status", now_ns=5)) == {"kind": "status", "now_ns": 5}
-    for wrong in (b"[]", b'{"kind": 3}', b"{}", b"nonsense", b"[" * 5000, packed("x", y="z" * MOST_BYTES)):
-        assert unpacked(wrong) is None
+    assert unpack_message(pack_message("status", now_ns=5)) == {"kind": "status", "now_ns": 5}
+    for wrong in (b"[]", b'{"kind": 3}', b"{}", b"nonsense", b"[" * 5000, pack_message("x", y="z" * MAX_MESSAGE_BYTES)):
+        assert unpack_message(wrong) is None
 
 
 def within(seconds: float, talk: Callable[[], Awaitable[Any]]) -> Any:
@@ -55,58 +64,62 @@ def within(seconds: float, talk: Callable[[], Awaitable[Any]]) -> Any:
     return asyncio.run(timed())
 
 
-def test_supervisor_and_node_hear_each_other() -> None:
-    (public, secret), passes = (pair := zmq.curve_keypair()), issue(pair[0])
+def test_supervisor_and_node_receive_from_each_other() -> None:
+    (public, secret), credentials = (pair := zmq.curve_keypair()), issue_credentials(pair[0])
 
     async def talk() -> tuple[Any, ...]:
-        desk = Desk(Keys(public, secret, frozenset({passes.desk.public})))
-        desk.open()
-        phone = Phone("blue.gcs", desk.address, passes.desk)
-        phone.open()
+        server = ZmqControlServer(Keys(public, secret, frozenset({credentials.control.public})))
+        server.open()
+        client = ZmqControlClient("blue.gcs", server.address, credentials.control)
+        client.open()
         try:
-            await phone._socket.send(b"no message")
-            await phone.tell("chunk", b"\0\xff", at=3)
-            heard = await desk.hear()
-            await desk.tell("nobody", "stop")
-            await desk.tell(heard[0], "start", zero_ns=7)
-            return heard, await phone.hear(), desk.strange
+            await client._socket.send(b"no message")
+            await client.send("chunk", b"\0\xff", at=3)
+            received = await server.receive()
+            await server.send("nobody", "stop")
+            await server.send(received[0], "start", zero_ns=7)
+            return received, await client.receive(), server.strange
         finally:
-            phone.close()
-            desk.close()
+            client.close()
+            server.close()
 
-    heard, answer, strange = within(5.0, talk)
-    assert heard == ("blue.gcs", {"kind": "chunk", "at": 3}, b"\0\xff")
+    received, answer, strange = within(5.0, talk)
+    assert received == ("blue.gcs", {"kind": "chunk", "at": 3}, b"\0\xff")
     assert answer == ({"kind": "start", "zero_ns": 7}, b"")
     assert strange == 1
 
 
-def test_who_has_another_key_is_refused_and_counted() -> None:
-    (public, secret), passes = (pair := zmq.curve_keypair()), issue(pair[0])
+@pytest.mark.parametrize("system", [RealSystem(), VirtualSystem()], ids=["real", "virtual"])
+def test_a_peer_with_another_key_is_refused_and_counted(system: System) -> None:
+    (public, secret), credentials = (pair := zmq.curve_keypair()), issue_credentials(pair[0])
     unknown = zmq.curve_keypair()
     stranger = Keys(*unknown, frozenset({public}))
-    misled = Keys(passes.desk.public, passes.desk.secret, frozenset({unknown[0]}))
+    misled = Keys(credentials.control.public, credentials.control.secret, frozenset({unknown[0]}))
 
     async def talk() -> tuple[int, int, int, int]:
-        desk = Desk(Keys(public, secret, frozenset({passes.desk.public})))
-        desk.open()
-        phones = [Phone(name, desk.address, keys) for name, keys in (("blue.gcs", stranger), ("red.gcs", misled))]
-        for phone in phones:
-            phone.open()
-            phone._socket.linger = 0
-            await phone.tell("done", status="complete")
+        server = system.control_server(Keys(public, secret, frozenset({credentials.control.public})))
+        server.open()
+        named = (("blue.gcs", stranger), ("red.gcs", misled))
+        clients = [system.control_client(name, server.address, keys) for name, keys in named]
+        for client in clients:
+            client.open()
+            if isinstance(client, ZmqControlClient):
+                client._socket.linger = 0
+            await client.send("done", status="complete")
         try:
-            hearing = asyncio.create_task(desk.hear())
-            while not (phones[0].refused and phones[1].reached > 1 and desk.refused > 1):
-                await asyncio.sleep(0.02)
-            assert not hearing.done()
-            hearing.cancel()
-            return phones[0].refused, phones[1].refused, desk.refused, desk.strange
+            receiving = asyncio.create_task(server.receive())
+            async with asyncio.timeout(10.0):
+                while not (clients[0].refused and clients[1].reached > 1 and server.refused > 1):
+                    await asyncio.sleep(0.02)
+            assert not receiving.done()
+            receiving.cancel()
+            return clients[0].refused, clients[1].refused, server.refused, server.strange
         finally:
-            for phone in phones:
-                phone.close()
-            desk.close()
+            for client in clients:
+                client.close()
+            server.close()
 
-    refused, misled_refused, counted, strange = within(10.0, talk)
+    refused, misled_refused, counted, strange = system.run(talk())
     assert refused >= 1
     assert misled_refused == 0  # it cannot know: under the wrong key it understands no answer
     assert counted >= 2
@@ -144,17 +157,17 @@ def test_files_that_are_no_keys_of_a_range_are_named(tmp_path: Path) -> None:
 def test_a_file_arrives_as_it_left(tmp_path: Path) -> None:
     data = bytes(range(256)) * (CHUNK_BYTES // 128) + b"end"
     for name, content in (("a/b.bin", data), ("empty", b"")):
-        for offset, piece in chunks(content):
+        for offset, piece in split_chunks(content):
             write_chunk(tmp_path, name, offset, piece)
     assert (tmp_path / "a/b.bin").read_bytes() == data
-    assert listed(tmp_path) == [("a/b.bin", len(data)), ("empty", 0)]
+    assert list_files(tmp_path) == [("a/b.bin", len(data)), ("empty", 0)]
     assert read_chunk(tmp_path, "a/b.bin", CHUNK_BYTES) == data[CHUNK_BYTES : 2 * CHUNK_BYTES]
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../x", "a/../../x", "", "a\0b", "..\\x"])
 def test_no_name_leads_out_of_the_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(ComponentError, match="outside"):
-        inside(tmp_path, name)
+        path_inside(tmp_path, name)
 
 
 # --- clocks ----------------------------------------------------------------------------------------
@@ -167,37 +180,37 @@ def test_no_name_leads_out_of_the_folder(tmp_path: Path, name: str) -> None:
     at=st.integers(0, 10**15),
 )
 def test_the_true_offset_is_within_the_uncertainty(offset: int, out: int, back: int, at: int) -> None:
-    echo = Echo(at + offset - out, at, at + offset + back)
-    assert abs(echo.offset_ns - offset) <= echo.uncertainty_ns
-    assert best([Echo(0, 5, 10**10), echo]) == echo
+    sample = ClockSample(at + offset - out, at, at + offset + back)
+    assert abs(sample.offset_ns - offset) <= sample.uncertainty_ns
+    assert quickest_sample([ClockSample(0, 5, 10**10), sample]) == sample
 
 
-def measured(offset_ns: int, at_ns: int, round_ns: int = 2 * MS) -> Echo:
-    return Echo(at_ns + offset_ns - round_ns // 2, at_ns, at_ns + offset_ns + round_ns // 2)
+def measured(offset_ns: int, at_ns: int, round_ns: int = 2 * MS) -> ClockSample:
+    return ClockSample(at_ns + offset_ns - round_ns // 2, at_ns, at_ns + offset_ns + round_ns // 2)
 
 
 def test_drift_is_told_in_millionths_and_a_jump_is_none() -> None:
-    clock = Offset()
+    clock = ClockOffset()
     for second in range(60):
-        clock.take(measured(7_000 * MS + second * 50_000, second * 1_000 * MS), 0)
-    told = clock.told
+        clock.add_sample(measured(7_000 * MS + second * 50_000, second * 1_000 * MS), 0)
+    told = clock.manifest_entry
     assert told["drift_ppm"] == pytest.approx(50.0, abs=0.1)
     assert 0.0 < told["drift_uncertainty_ppm"] < 10.0
     assert told["offset_s"] == pytest.approx(7.0 + 59 * 50e-6, abs=told["uncertainty_s"])
-    clock.take(measured(5_000 * MS, 70_000 * MS), 1_000 * MS)
-    assert clock.told["jumps"] == [{"at_s": 69.0, "by_s": pytest.approx(-2.003, abs=0.002)}]
+    clock.add_sample(measured(5_000 * MS, 70_000 * MS), 1_000 * MS)
+    assert clock.manifest_entry["jumps"] == [{"at_s": 69.0, "by_s": pytest.approx(-2.003, abs=0.002)}]
     assert clock.drift_ppm is None
-    clock.take(measured(5_000 * MS + JUMP_NS // 2, 71_000 * MS), 1_000 * MS)
+    clock.add_sample(measured(5_000 * MS + JUMP_NS // 2, 71_000 * MS), 1_000 * MS)
     assert len(clock.jumps) == 1
 
 
 def test_a_slow_answer_does_not_move_a_clock_that_is_known_better() -> None:
-    clock = Offset()
-    clock.take(measured(7_000 * MS, 0), 0)
-    slow = Echo(7_000 * MS + 1_000 * MS, 1_000 * MS + 40 * MS, 7_000 * MS + 1_000 * MS + 41 * MS)
-    clock.take(slow, 0)
+    clock = ClockOffset()
+    clock.add_sample(measured(7_000 * MS, 0), 0)
+    slow = ClockSample(7_000 * MS + 1_000 * MS, 1_000 * MS + 40 * MS, 7_000 * MS + 1_000 * MS + 41 * MS)
+    clock.add_sample(slow, 0)
     assert abs(slow.offset_ns - 7_000 * MS) > 10 * MS
     assert clock.offset_ns == 7_000 * MS
     assert clock.uncertainty_ns >= MS
-    clock.take(measured(7_000 * MS + 4 * MS, 2_000 * MS), 0)  # no answer in between allows what was known
+    clock.add_sample(measured(7_000 * MS + 4 * MS, 2_000 * MS), 0)  # no answer in between allows what was known
     assert clock.offset_ns == 7_004 * MS

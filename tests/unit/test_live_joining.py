@@ -1,4 +1,4 @@
-"""Whom the supervisor of a live range lets in, and what it makes of their clocks and files."""
+"""Other machines of a live range: who is let in, and what the supervisor makes of their clocks and files."""
 
 from __future__ import annotations
 
@@ -12,54 +12,57 @@ import pytest
 from skyrange import __version__
 from skyrange.core.errors import ComponentError
 from skyrange.record.folder import PARTS
-from skyrange.runtime.live.control import CHUNK_BYTES, Desk, Message
-from skyrange.runtime.live.joining import Machine, Machines
+from skyrange.runtime.live.control import CHUNK_BYTES, ControlServer, Message
+from skyrange.runtime.live.joining import RemoteHost, RemoteHosts
+from skyrange.testing.live import VirtualSystem
 
 WHERE = "10.9.0.2"
 NAME = f"@{WHERE}"
 
 
 class Overheard:
-    """A desk that keeps what is said at it."""
+    """A control server that keeps what is sent by it."""
 
     def __init__(self) -> None:
-        self.said: list[tuple[str, Message, bytes]] = []
+        self.sent: list[tuple[str, Message, bytes]] = []
 
-    async def tell(self, who: str, kind: str, blob: bytes = b"", /, **data: Any) -> None:
-        self.said.append((who, {"kind": kind, **data}, blob))
-
-
-def machines() -> tuple[Machines, Overheard, list[tuple[str, str]]]:
-    desk, ended = Overheard(), list[tuple[str, str]]()
-    made = Machines("lab", cast("Desk", desk), lambda node, how: ended.append((node, how)), {WHERE: Machine(WHERE)})
-    return made, desk, ended
+    async def send(self, who: str, kind: str, blob: bytes = b"", /, **data: Any) -> None:
+        self.sent.append((who, {"kind": kind, **data}, blob))
 
 
-def hear(made: Machines, kind: str, who: str = NAME, blob: bytes = b"", **data: Any) -> bool:
-    return asyncio.run(made.hear(who, {"kind": kind, **data}, blob))
+def machines() -> tuple[RemoteHosts, Overheard, list[tuple[str, str]]]:
+    control, ended = Overheard(), list[tuple[str, str]]()
+    hosts = {WHERE: RemoteHost(WHERE)}
+    clock = VirtualSystem().clock
+    made = RemoteHosts("lab", cast("ControlServer", control), lambda node, how: ended.append((node, how)), hosts, clock)
+    return made, control, ended
 
 
-def join(made: Machines, version: str = __version__, who: str = NAME) -> None:
+def hear(made: RemoteHosts, kind: str, who: str = NAME, blob: bytes = b"", **data: Any) -> bool:
+    return asyncio.run(made.handle_message(who, {"kind": kind, **data}, blob))
+
+
+def join(made: RemoteHosts, version: str = __version__, who: str = NAME) -> None:
     assert hear(made, "join", who, version=version, address=WHERE)
 
 
 def test_one_that_is_expected_is_let_in_once() -> None:
-    made, desk, _ = machines()
+    made, control, _ = machines()
     assert made.missing == [WHERE]
     join(made)
-    assert desk.said[-1][1] == {"kind": "welcome", "name": "lab"}
+    assert control.sent[-1][1] == {"kind": "welcome", "name": "lab"}
     join(made)
-    assert desk.said[-1][1]["kind"] == "refused"
-    assert desk.said[-1][1]["value"] == f"{WHERE} again"
+    assert control.sent[-1][1]["kind"] == "refused"
+    assert control.sent[-1][1]["value"] == f"{WHERE} again"
 
 
 def test_another_version_and_another_address_are_refused_with_the_remedy() -> None:
-    made, desk, _ = machines()
+    made, control, _ = machines()
     join(made, "0.0.9")
-    refused = desk.said[-1][1]
+    refused = control.sent[-1][1]
     assert (refused["kind"], "0.0.9" in refused["value"], __version__ in refused["value"]) == ("refused", True, True)
     join(made, who="@10.9.0.7")
-    refused = desk.said[-1][1]
+    refused = control.sent[-1][1]
     assert refused["kind"] == "refused"
     assert WHERE in refused["expected"]
     assert "--address" in refused["hint"]
@@ -67,18 +70,18 @@ def test_another_version_and_another_address_are_refused_with_the_remedy() -> No
 
 
 def test_nobody_is_heard_who_has_not_joined() -> None:
-    made, desk, ended = machines()
+    made, control, ended = machines()
     for kind in ("clock", "ended", "chunk", "ask"):
         assert not hear(made, kind, node="world", how="x", words="", sent_ns=1, answered_ns=2, back_ns=3)
     assert not hear(made, "join", "world", version=__version__)
-    assert (desk.said, ended, made.members[WHERE].clock.measured) == ([], [], 0)
+    assert (control.sent, ended, made.members[WHERE].clock.measured) == ([], [], 0)
 
 
 def test_its_clock_tells_where_time_0_lies_on_it() -> None:
-    made, desk, ended = machines()
+    made, control, ended = machines()
     join(made)
     assert hear(made, "ask", sent_ns=70)
-    assert desk.said[-1][1]["sent_ns"] == 70
+    assert control.sent[-1][1]["sent_ns"] == 70
     assert hear(made, "clock", sent_ns=1_000_000, answered_ns=400_000, back_ns=1_200_000)
     assert made.missing == []
     made.zero_ns = 5_000_000
@@ -89,7 +92,7 @@ def test_its_clock_tells_where_time_0_lies_on_it() -> None:
 
 
 def test_records_are_fetched_in_pieces_and_never_beside_the_folder(tmp_path: Path) -> None:
-    made, desk, _ = machines()
+    made, control, _ = machines()
     join(made)
     data = b"row" * CHUNK_BYTES
     files = {"blue.gcs/manifest.json": b"{}", "blue.gcs/rows": data, "blue.gcs/none": b""}
@@ -99,19 +102,19 @@ def test_records_are_fetched_in_pieces_and_never_beside_the_folder(tmp_path: Pat
         at = 0
         while True:
             await asyncio.sleep(0)
-            for _, said, _ in desk.said[at:]:
+            for _, said, _ in control.sent[at:]:
                 if said["kind"] == "parts":
                     machine.answers.put_nowait(({"kind": "parts"}, json.dumps(listed).encode()))
                 elif said["kind"] == "fetch":
                     piece = files[said["name"]][said["offset"] : said["offset"] + CHUNK_BYTES]
                     machine.answers.put_nowait(({**said, "kind": "chunk"}, piece))
-            at = len(desk.said)
+            at = len(control.sent)
 
     async def fetch(listed: list[tuple[str, int]]) -> None:
-        desk.said.clear()
+        control.sent.clear()
         answering = asyncio.create_task(answer(listed))
         try:
-            await made.fetch(WHERE, tmp_path)
+            await made.fetch_records(WHERE, tmp_path)
         finally:
             answering.cancel()
 

@@ -1,4 +1,4 @@
-"""Who runs what at which address in a live range, on one machine and on several."""
+"""Processes and addresses of a live range, on one machine and on several."""
 
 from __future__ import annotations
 

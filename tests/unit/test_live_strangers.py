@@ -1,4 +1,4 @@
-"""What do the ends of a live range make of strangers at their sockets? The peer keeps its place, floods are dropped."""
+"""Strangers at the transports of a live range: the peer keeps its place, floods are dropped."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from skyrange.codec.deframe import Piece
 from skyrange.core.time import NS_PER_S
 from skyrange.io.mavlink_sockets import MOST_UNSENT, TcpEnd, UdpEnd
-from skyrange.runtime.live.ends import _TcpCaller, _TcpServer
-from skyrange.runtime.live.intake import BURST_S, BYTES_HZ, FRAMES_HZ, MOST_BYTES, Intake
+from skyrange.runtime.live.ends import TcpConnector, TcpListener
+from skyrange.runtime.live.intake import BURST_S, BYTES_HZ, FRAMES_HZ, MAX_WAITING_BYTES, IngressRateLimiter
 
 FRAME = mavlink.MAVLink(None, srcSystem=1).heartbeat_encode(2, 3, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=1))
 
@@ -34,11 +34,11 @@ def test_a_tcp_peer_that_speaks_keeps_its_place_and_one_that_comes_back_has_it_a
     async def live() -> None:
         heard: list[Piece] = []
         address = ("127.0.0.1", free_port())
-        server = await _TcpServer.open(heard.append, address)
+        server = await TcpListener.open(heard.append, address)
         silent = await TcpEnd.connect(heard.append, address)  # a port scan
         await until(lambda: server.send(FRAME))
         got: list[Piece] = []
-        peer = _TcpCaller(got.append, address)
+        peer = TcpConnector(got.append, address)
         await until(lambda: silent.lost.done())
         await until(lambda: peer.send(FRAME))
         await until(lambda: heard)
@@ -51,7 +51,7 @@ def test_a_tcp_peer_that_speaks_keeps_its_place_and_one_that_comes_back_has_it_a
         await until(lambda: got)
         peer.close()
         await until(lambda: not server.send(FRAME))
-        anew = _TcpCaller(got.append, address)
+        anew = TcpConnector(got.append, address)
         await until(lambda: anew.send(FRAME))
         await until(lambda: len(heard) > 1)
         assert server.refused == 5
@@ -64,7 +64,7 @@ def test_a_tcp_peer_that_speaks_keeps_its_place_and_one_that_comes_back_has_it_a
 def test_a_tcp_peer_that_does_not_read_costs_no_more_than_a_buffer() -> None:
     async def live() -> None:
         address = ("127.0.0.1", free_port())
-        server = await _TcpServer.open(lambda _: None, address)
+        server = await TcpListener.open(lambda _: None, address)
         with socket.socket() as slow:
             slow.connect(address)
             await until(lambda: server.send(FRAME))
@@ -106,25 +106,25 @@ def test_a_udp_end_answers_who_spoke_mavlink_and_not_who_sent_anything_else() ->
 
 
 def test_a_flood_on_one_link_is_dropped_and_harms_no_other() -> None:
-    intake = Intake()
+    ingress = IngressRateLimiter()
     for _ in range(100_000):
-        intake.take(NS_PER_S, "flooded", b"x")
-    intake.take(NS_PER_S, "other", b"y")
-    waiting = intake.drain()
+        ingress.admit(NS_PER_S, "flooded", b"x")
+    ingress.admit(NS_PER_S, "other", b"y")
+    waiting = ingress.drain()
     assert len(waiting) == FRAMES_HZ * BURST_S + 1
     assert waiting[-1] == (NS_PER_S, "other", b"y")
-    assert intake.dropped == 100_000 - FRAMES_HZ * BURST_S
+    assert ingress.dropped == 100_000 - FRAMES_HZ * BURST_S
     for _ in range(100_000):
-        intake.take(2 * NS_PER_S, "flooded", b"x")
-    assert len(intake.drain()) == FRAMES_HZ
+        ingress.admit(2 * NS_PER_S, "flooded", b"x")
+    assert len(ingress.drain()) == FRAMES_HZ
 
 
 @pytest.mark.parametrize("lanes", [1, 100])
 def test_what_waits_is_bounded_in_bytes(lanes: int) -> None:
-    intake = Intake()
+    ingress = IngressRateLimiter()
     big = bytes(1 << 20)
     for number in range(100 * lanes):
-        intake.take(0, str(number % lanes), big)
-    held = sum(len(data) for _, _, data in intake.waiting)
-    assert held == min(lanes * BURST_S * BYTES_HZ, MOST_BYTES)
-    assert intake.dropped == 100 * lanes - held // len(big)
+        ingress.admit(0, str(number % lanes), big)
+    held = sum(len(data) for _, _, data in ingress.waiting)
+    assert held == min(lanes * BURST_S * BYTES_HZ, MAX_WAITING_BYTES)
+    assert ingress.dropped == 100 * lanes - held // len(big)

@@ -1,4 +1,4 @@
-"""What does a viewer of a live range see? What leaves an autopilot, once; and a port that is taken stops the start."""
+"""Viewers of a live range: shown what leaves an autopilot, once; a port that is taken stops the start."""
 
 from __future__ import annotations
 

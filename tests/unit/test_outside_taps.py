@@ -19,9 +19,9 @@ from skyrange.agent.verdicts import Label
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.tap import Tapping, loopback, node_of
-from skyrange.runtime.live.tap_door import DOOR, LINE_BYTES, Taps, line, short
-from skyrange.runtime.live.tapping import MOST_HELD, OutsideTap, Terms
+from skyrange.runtime.live.tap import Tapping, find_node_folder, loopback
+from skyrange.runtime.live.tap_door import MAX_LINE_BYTES, SOCKET, TapServer, line_of, socket_path
+from skyrange.runtime.live.tapping import MAX_HELD, ExternalTap, Terms
 
 LINK = LinkSpec("gcs:blue/b1", "blue.gcs", "blue/b1.companion")
 HEARTBEAT = mavlink.MAVLink(None, 255).heartbeat_encode(6, 8, 0, 0, 4).pack(mavlink.MAVLink(None, 255))
@@ -44,10 +44,10 @@ class Record:
         self.notes.append(note)
 
 
-def tapped(**terms: Any) -> tuple[OutsideTap, Record]:
+def tapped(**terms: Any) -> tuple[ExternalTap, Record]:
     record = Record()
-    tap = OutsideTap(Terms(link=LINK.name, **terms), LINK, "blue.gcs", True, record)
-    tap.come(0, True)
+    tap = ExternalTap(Terms(link=LINK.name, **terms), LINK, "blue.gcs", True, record)
+    tap.set_present(0, True)
     return tap, record
 
 
@@ -124,7 +124,7 @@ def test_what_gets_no_answer_passes_or_not_and_that_is_labelled(fail: str, fate:
     # nobody is there: dealt with at once, and what waited too
     left, later = frame(1), frame(2)
     tap.take(2 * S, left, True)
-    tap.come(2 * S, False)
+    tap.set_present(2 * S, False)
     assert tap.take(2 * S, later, True) is None
     assert {left.fate, later.fate} == {fate}
     assert (tap.counts.unanswered, tap.counts.unasked) == (2, 1)
@@ -176,7 +176,7 @@ def test_whatever_is_said_each_frame_has_one_fate(lines: list[bytes]) -> None:
 
 def test_who_never_answers_does_not_fill_the_memory() -> None:
     tap, _ = tapped(hold_ms=60_000)
-    for serial in range(MOST_HELD + 10):
+    for serial in range(MAX_HELD + 10):
         tap.take(S, frame(serial), True)
     assert tap.counts.unasked == len(tap.ready) == 10
 
@@ -208,16 +208,18 @@ class Door:
     def __init__(self, folder: Path) -> None:
         self.record = Record()
         self.now: int | None = S
-        self.taps = Taps([Crossing(LINK, "udp", "blue.gcs", ("127.0.0.1", 1))], frozenset({"blue.gcs"}), self.record)
+        self.taps = TapServer(
+            [Crossing(LINK, "udp", "blue.gcs", ("127.0.0.1", 1))], frozenset({"blue.gcs"}), self.record
+        )
         self.folder = folder
 
     async def open(self) -> None:
         await self.taps.open(self.folder, lambda: self.now, lambda: None)
 
     async def call(self, **terms: Any) -> tuple[asyncio.StreamReader, asyncio.StreamWriter, dict[str, Any]]:
-        with short(self.folder) as name:
+        with socket_path(self.folder) as name:
             reader, writer = await asyncio.open_unix_connection(name)
-        writer.write(line(terms))
+        writer.write(line_of(terms))
         return reader, writer, json.loads(await reader.readline())
 
 
@@ -233,19 +235,19 @@ def test_a_tap_process_comes_asks_answers_and_dies(tmp_path: Path) -> None:
         deep.mkdir()
         door = Door(deep)
         await door.open()
-        assert (deep / DOOR).stat().st_mode & 0o077 == 0  # nobody else's
+        assert (deep / SOCKET).stat().st_mode & 0o077 == 0  # nobody else's
         reader, writer, hello = await door.call(link=LINK.name, fail="closed")
         assert hello["fwd"] == [LINK.a, LINK.b]
         _, second, refused = await door.call(link=LINK.name)
         assert "tapped already" in refused["error"]
         second.close()
         first, lost = frame(0), frame(1)
-        writer.write(line({"program": True}))
+        writer.write(line_of({"program": True}))
         await until(lambda: door.record.notes[-1].data["what"] == "came")
         assert door.taps.holds(LINK.name)
         door.taps.take(S, first, outgoing=True)
         asked = json.loads(await reader.readline())
-        writer.write(b"garbage\n" + line({"id": asked["id"], "do": "pass"}))
+        writer.write(b"garbage\n" + line_of({"id": asked["id"], "do": "pass"}))
         assert "error" in json.loads(await reader.readline())
         await until(lambda: door.taps.due == 0)
         assert door.taps.turn(S) == [(first, True)]
@@ -293,7 +295,7 @@ def test_who_does_not_read_is_nobody(tmp_path: Path) -> None:
         door = Door(tmp_path)
         await door.open()
         _, writer, _ = await door.call(link=LINK.name, fail="closed")
-        writer.write(line({"program": True}))
+        writer.write(line_of({"program": True}))
         await until(lambda: len(door.record.notes) == 2)
         for serial in range(3000):
             door.taps.take(S, frame(serial, bytes(4096)), outgoing=True)
@@ -311,27 +313,27 @@ def node(run: Path, name: str, endpoint: str, listener: str, *, door: bool = Tru
     folder = run / ".parts" / f"{name}.program"
     folder.mkdir(parents=True)
     orders = {"endpoints": [endpoint], "crossings": [{"link": {"name": LINK.name}, "listener": listener}]}
-    (folder / "orders.json").write_text(json.dumps(orders))
+    (folder / "node.json").write_text(json.dumps(orders))
     if door:
-        (folder / DOOR).touch()
+        (folder / SOCKET).touch()
     return folder
 
 
 def test_the_door_is_found_by_the_runs_folder(tmp_path: Path) -> None:
-    assert node_of(tmp_path / "none", LINK.name) is None
+    assert find_node_folder(tmp_path / "none", LINK.name) is None
     run = tmp_path / "run"
     caller = node(run, "blue-b1.companion", LINK.b, LINK.a)
-    assert node_of(run, LINK.name) == caller  # the ground station is no process of the range
+    assert find_node_folder(run, LINK.name) == caller  # the ground station is no process of the range
     station = node(run, "blue.gcs", LINK.a, LINK.a, door=False)
-    assert node_of(run, LINK.name) is None  # not yet
-    (station / DOOR).touch()
-    assert node_of(run, LINK.name) == station
+    assert find_node_folder(run, LINK.name) is None  # not yet
+    (station / SOCKET).touch()
+    assert find_node_folder(run, LINK.name) == station
     with pytest.raises(InputError, match=LINK.name):  # the nearest
-        node_of(run, "gcs:blue/b2")
+        find_node_folder(run, "gcs:blue/b2")
     with pytest.raises(InputError, match="--group component"):
-        node_of(run, "rid_up:green/g7")
-    (station / "orders.json").write_text('{"endpo')
-    assert node_of(run, LINK.name) is None  # it is being written
+        find_node_folder(run, "rid_up:green/g7")
+    (station / "node.json").write_text('{"endpo')
+    assert find_node_folder(run, LINK.name) is None  # it is being written
 
 
 async def called(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
@@ -344,7 +346,7 @@ def test_programs_come_one_at_a_time_and_may_talk_nonsense(tmp_path: Path) -> No
         await door.open()
         told: list[str] = []
         tapping = Tapping(Terms(link=LINK.name, fail="closed"), ("127.0.0.1", 0), tmp_path)
-        serving = asyncio.create_task(tapping.run_until_the_end(told.append))
+        serving = asyncio.create_task(tapping.relay(told.append))
         await until(lambda: told)
         port = int(told[0].rpartition(":")[2])
         reader, writer = await called(port)
@@ -355,7 +357,7 @@ def test_programs_come_one_at_a_time_and_may_talk_nonsense(tmp_path: Path) -> No
         writer.write(bytes(range(9)) + b"\n" + b"[" * 5000 + b"\n")
         assert "error" in json.loads(await reader.readline())
         assert "error" in json.loads(await reader.readline())
-        writer.write(b"x" * (LINE_BYTES + 100))  # a line without an end: it is hung up on
+        writer.write(b"x" * (MAX_LINE_BYTES + 100))  # a line without an end: it is hung up on
         assert await reader.read() == b""
         await until(lambda: door.record.notes[-1].data["what"] == "went")
         reader, writer = await called(port)  # another comes
@@ -378,7 +380,7 @@ def test_programs_come_one_at_a_time_and_may_talk_nonsense(tmp_path: Path) -> No
 
 def test_a_range_that_has_ended_is_named(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text('{"status": "running"}')
-    assert node_of(tmp_path, LINK.name) is None
+    assert find_node_folder(tmp_path, LINK.name) is None
     (tmp_path / "manifest.json").write_text('{"status": "complete"}')
     with pytest.raises(InputError, match="complete"):
-        node_of(tmp_path, LINK.name)
+        find_node_folder(tmp_path, LINK.name)

@@ -25,12 +25,12 @@ from skyrange.codec.deframe import Piece
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.errors import ComponentError
 from skyrange.io import http_frames
-from skyrange.runtime.live.addresses import KINDS, Crossing, Transport
-from skyrange.runtime.live.ends import End, calling, listening
-from skyrange.runtime.live.passes import Passes, issue
+from skyrange.runtime.live.addresses import KINDS, Crossing, TransportKind
+from skyrange.runtime.live.ends import Transport, connect, listen
+from skyrange.runtime.live.passes import Credentials, issue_credentials
 from skyrange.runtime.live.plan import LOOPBACK
 
-TRANSPORTS: Final[tuple[Transport, ...]] = ("udp", "tcp", "zmq", "http")
+TRANSPORTS: Final[tuple[TransportKind, ...]] = ("udp", "tcp", "zmq", "http")
 ONE_BY_ONE: Final = 500
 """Frames that are timed, `APART_S` after each other: about as fast as an aircraft's telemetry comes."""
 APART_S: Final = 0.005
@@ -44,14 +44,14 @@ _TIMESYNC: Final = mav.MAVLink(None, srcSystem=1, srcComponent=1)
 _HEADER: Final = 10
 
 
-def frame(transport: Transport, at_ns: int, number: int) -> bytes:
+def frame(transport: TransportKind, at_ns: int, number: int) -> bytes:
     """What a link over that transport carries: a MAVLink TIMESYNC, or a request, with a time and a number in it."""
     if transport == "http":
         return http_frames.request_frame("PUT", _PATH, json.dumps({"at_ns": at_ns, "number": number}).encode())
     return bytes(mav.MAVLink_timesync_message(at_ns, number).pack(_TIMESYNC))
 
 
-def sent_at(transport: Transport, data: bytes) -> int:
+def sent_at(transport: TransportKind, data: bytes) -> int:
     """The time in a `frame`."""
     if transport == "http":
         return int(json.loads(data)["body"]["at_ns"])
@@ -59,7 +59,7 @@ def sent_at(transport: Transport, data: bytes) -> int:
     return int(at_ns)
 
 
-def measure(transport: Transport, frames: int = 50_000) -> dict[str, Any]:
+def measure(transport: TransportKind, frames: int = 50_000) -> dict[str, Any]:
     """One row: `ONE_BY_ONE` frames, then `frames` back to back, from one new process to another.
 
     `added_ms` and `added_p99_ms`: from the call of an end's `send` to when the other end hands the payload in.
@@ -70,7 +70,7 @@ def measure(transport: Transport, frames: int = 50_000) -> dict[str, Any]:
     return apart(f"bench of {transport}", _measured, transport, frames)
 
 
-def _measured(transport: Transport, frames: int) -> dict[str, Any]:
+def _measured(transport: TransportKind, frames: int) -> dict[str, Any]:
     kind = socket.SOCK_DGRAM if transport == "udp" else socket.SOCK_STREAM
     with socket.socket(socket.AF_INET, kind) as tried:
         tried.bind((LOOPBACK, 0))
@@ -105,19 +105,19 @@ def _measured(transport: Transport, frames: int) -> dict[str, Any]:
     }
 
 
-def _carried(transport: Transport) -> list[str]:
+def _carried(transport: TransportKind) -> list[str]:
     """The kinds of links that go over it."""
     return [name for name, kind in KINDS.items() if kind.transport == transport]
 
 
-def _crossing(transport: Transport, port: int) -> Crossing:
+def _crossing(transport: TransportKind, port: int) -> Crossing:
     return Crossing(
         LinkSpec(f"{_carried(transport)[0]}:bench", "caller", "listener"), transport, "listener", (LOOPBACK, port)
     )
 
 
-def _passes() -> Passes:
-    return issue(zmq.curve_keypair()[0])  # on loopback nobody asks for them
+def _credentials() -> Credentials:
+    return issue_credentials(zmq.curve_keypair()[0])  # on loopback nobody asks for them
 
 
 # --- the listener's process ------------------------------------------------------------------------
@@ -137,11 +137,11 @@ class _Listener:
         self._count = 0
         self._added_ns: list[int] = []
         self._began = (0.0, 0.0)
-        self._end: End | None = None
+        self._end: Transport | None = None
         self._done = asyncio.Event()
 
     async def run(self) -> dict[str, Any]:
-        self._end = await listening(self._crossing, self._heard, LOOPBACK, _passes())
+        self._end = await listen(self._crossing, self._heard, LOOPBACK, _credentials())
         self._answer.send("listening")
         await self._done.wait()
         took_s, cpu_s = time.monotonic() - self._began[0], time.process_time() - self._began[1]
@@ -185,7 +185,7 @@ async def _call(crossing: Crossing, frames: int) -> float:
         credits += 1
         opened.set()
 
-    end = await calling(crossing, heard, LOOPBACK, _passes())
+    end = await connect(crossing, heard, LOOPBACK, _credentials())
     per_credit = 1 if transport == "http" else CREDIT
     try:
         async with asyncio.timeout(PATIENCE_S):

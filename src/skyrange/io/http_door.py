@@ -22,7 +22,7 @@ _LOG.addHandler(logging.NullHandler())
 _LOG.propagate = False  # a flood of bad requests would fill the standard error
 
 
-class Door(web.Server):
+class LimitedServer(web.Server):
     """At most `MOST_CONNECTIONS` at a time. Who comes then is turned away; who says nothing is closed and counted."""
 
     def __init__(self, handler: Callable[[web.BaseRequest], Awaitable[web.StreamResponse]], patience_s: float) -> None:

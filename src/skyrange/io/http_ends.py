@@ -20,7 +20,7 @@ from skyrange.codec.deframe import Piece
 from skyrange.core.errors import DecodeError
 from skyrange.io import http_frames
 from skyrange.io.ends import OnNote, ignore_note, must_be_guarded, naming, text, worth_noting
-from skyrange.io.http_door import Door
+from skyrange.io.http_door import LimitedServer
 from skyrange.io.http_frames import JSON_TYPE, MAX_BYTES
 from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
 
@@ -78,7 +78,7 @@ class HttpServerEnd:
         self._patience_s = patience_s
         self._counts = Counts()
         self._open: list[_Open] = []
-        self._door = Door(self._serve, patience_s)
+        self._door = LimitedServer(self._serve, patience_s)
         self._server: asyncio.Server | None = None
         self._ending: asyncio.Task[None] | None = None
         self._address: Address = ("", 0)

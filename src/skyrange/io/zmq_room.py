@@ -18,10 +18,10 @@ ZAP = "inproc://zeromq.zap.01"
 AT_ONCE = 64
 """Messages that are taken from one socket before others have their turn."""
 
-_ROOMS: dict[asyncio.AbstractEventLoop, Room] = {}
+_ROOMS: dict[asyncio.AbstractEventLoop, ZmqContext] = {}
 
 
-class Room:
+class ZmqContext:
     """The context that all ends of one event loop share: one thread of libzmq, however many aircraft."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -36,7 +36,7 @@ class Room:
         self._stop = watch(loop, self._doorman, self._ask)
 
     @classmethod
-    def enter(cls) -> Room:
+    def enter(cls) -> ZmqContext:
         """The room of the running loop, for one end more; `leave` is its counterpart."""
         loop = asyncio.get_running_loop()
         room = _ROOMS.get(loop)

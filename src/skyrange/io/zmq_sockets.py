@@ -23,7 +23,7 @@ from skyrange.core.errors import InputError
 from skyrange.io.curve_keys import Keys
 from skyrange.io.ends import OnNote, ignore_note, must_be_guarded, naming, text, worth_noting
 from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
-from skyrange.io.zmq_room import AT_ONCE, Room, watch
+from skyrange.io.zmq_room import AT_ONCE, ZmqContext, watch
 
 MAX_BYTES = 65_536
 QUEUE = 1_024
@@ -111,7 +111,7 @@ class ZmqEnd:
         self._shaken = 0
         self._why = _NO_ZMQ
         self._closed = False
-        self._room = Room.enter()
+        self._room = ZmqContext.enter()
         self._domain = b""
         self._socket = self._room.context.socket(zmq.ROUTER if binds else zmq.DEALER)
         self._monitor = self._socket.get_monitor_socket(_WATCHED)

@@ -13,14 +13,14 @@ from skyrange.core.errors import Fault, InputError
 from skyrange.runtime.live.plan import LOOPBACK, Plan
 
 STEP: Final = 10
-Transport = Literal["udp", "tcp", "zmq", "http"]
+TransportKind = Literal["udp", "tcp", "zmq", "http"]
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
     """How links of one kind cross: the first port, and which role's end listens there."""
 
-    transport: Transport
+    transport: TransportKind
     port: int
     listens: str
 
@@ -44,7 +44,7 @@ class Crossing:
     """One link between two processes."""
 
     link: LinkSpec
-    transport: Transport
+    transport: TransportKind
     listener: str
     """The endpoint that listens."""
     address: tuple[str, int]

@@ -1,8 +1,8 @@
-"""What time is it in the range? Nanoseconds since its time 0, by this machine's monotonic clock.
+"""Range clock: nanoseconds since time 0 of a live range, and the offset between the clocks of two machines.
 
-All processes of a machine share that clock (`CLOCK_MONOTONIC`), so between them there is nothing to measure. Another
-machine's is another clock: it began elsewhere, and runs faster or slower by some millionths. Its offset is measured as
-NTP does (RFC 5905, section 8): a question and its answer, of which the quickest tells most.
+All processes of a machine share one monotonic clock (`CLOCK_MONOTONIC`), so between them there is nothing to measure.
+Another machine has another clock, which began elsewhere and runs faster or slower by some millionths. Its offset is
+measured as NTP does it (RFC 5905, section 8): by requests and their answers, of which the quickest says most.
 """
 
 from __future__ import annotations
@@ -10,99 +10,123 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 JUMP_NS: Final[Time] = 100 * NS_PER_MS
-"""A clock that moved by more than this, and than is uncertain, did not drift: it was set, or stood still."""
+"""A clock whose offset changed by more than this, and by more than is uncertain, did not drift: it was set, or stood
+still."""
 PHI: Final = 15e-6
-"""How much faster or slower a clock is taken to be able to run: RFC 5905, section 7.2, PHI."""
+"""Assumed frequency tolerance of a clock, in s/s: RFC 5905, section 7.2, PHI."""
 _PPM: Final = 1e6
+
+
+class Clock(Protocol):
+    """A machine's monotonic clock.
+
+    Waiting is the event loop's, whose time passes with this clock: in a live range both are the system's, in virtual
+    time (`skyrange.testing.live`) both advance when every task waits.
+    """
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds since an arbitrary instant; never decreases."""
+        ...
+
+
+class MonotonicClock:
+    """The monotonic clock of the operating system."""
+
+    def monotonic_ns(self) -> int:
+        """See `Clock`."""
+        return time.monotonic_ns()
 
 
 @dataclass(slots=True)
 class RangeClock:
-    """A clock that is 0 at `zero_ns` of `time.monotonic_ns`; that may be set anew as the offset is measured again."""
+    """The range's time: 0 at `zero_ns` of `clock`. `zero_ns` may be set anew as the offset is measured again."""
 
+    clock: Clock
     zero_ns: int
 
     def now(self) -> Time:
-        """The range's time."""
-        return time.monotonic_ns() - self.zero_ns
+        """The range's time in nanoseconds; negative before its start."""
+        return self.clock.monotonic_ns() - self.zero_ns
 
 
 @dataclass(frozen=True, slots=True)
-class Echo:
-    """A question and its answer: sent and back by the asking machine's clock, answered by the range's, in ns."""
+class ClockSample:
+    """One request and its answer: sent and received by the asking machine's clock, answered by the range's, in ns."""
 
     sent_ns: int
     answered_ns: int
-    back_ns: int
+    received_ns: int
 
     @property
     def offset_ns(self) -> int:
-        """What the asking machine's clock shows more than the range's, if both ways took as long."""
-        return (self.sent_ns + self.back_ns) // 2 - self.answered_ns
+        """By how much the asking machine's clock is ahead of the range's, if both ways took equally long."""
+        return (self.sent_ns + self.received_ns) // 2 - self.answered_ns
 
     @property
     def uncertainty_ns(self) -> int:
-        """How far off that can be at most, however unequal the ways: half of the time until the answer was back."""
-        return -(-(self.back_ns - self.sent_ns) // 2)
+        """The largest possible error of the offset, however unequal the ways: half of the round-trip time."""
+        return -(-(self.received_ns - self.sent_ns) // 2)
 
 
-def best(echoes: Sequence[Echo]) -> Echo:
-    """The one that tells most: the quickest."""
-    return min(echoes, key=lambda echo: echo.uncertainty_ns)
+def quickest_sample(samples: Sequence[ClockSample]) -> ClockSample:
+    """The sample with the least uncertainty."""
+    return min(samples, key=lambda sample: sample.uncertainty_ns)
 
 
 @dataclass(slots=True)
-class Offset:
-    """One machine's clock against the range's: what it shows more, how sure that is, how it drifts, when it jumped."""
+class ClockOffset:
+    """One machine's clock against the range's: offset, uncertainty, drift and jumps."""
 
     offset_ns: int = 0
     uncertainty_ns: int = 0
     measured: int = 0
+    """Number of samples so far."""
     jumps: list[dict[str, Any]] = field(default_factory=list)
-    _echoes: list[Echo] = field(default_factory=list)
+    _samples: list[ClockSample] = field(default_factory=list)
     """All since the last jump."""
 
-    def take(self, echo: Echo, zero_ns: int) -> None:
-        """One more measurement; `zero_ns` is the range's zero on its own clock, 0 before that is told.
+    def add_sample(self, sample: ClockSample, zero_ns: int) -> None:
+        """Take one more measurement; `zero_ns` is the range's zero on its own clock, 0 before that is known.
 
-        One that took long says less than what was known, until that has grown old.
+        A sample that took long says less than what is known already, until that has grown old.
         """
-        moved = abs(echo.offset_ns - self.offset_ns)
+        moved = abs(sample.offset_ns - self.offset_ns)
         known_ns = self.uncertainty_ns
-        if self._echoes:
-            known_ns += round(PHI * (echo.answered_ns - self._echoes[-1].answered_ns))
-        jumped = bool(self._echoes) and moved > JUMP_NS + echo.uncertainty_ns + known_ns
+        if self._samples:
+            known_ns += round(PHI * (sample.answered_ns - self._samples[-1].answered_ns))
+        jumped = bool(self._samples) and moved > JUMP_NS + sample.uncertainty_ns + known_ns
         if jumped:
-            self._echoes.clear()
+            self._samples.clear()
             if zero_ns:
-                at_s, by_s = (echo.answered_ns - zero_ns) / NS_PER_S, (echo.offset_ns - self.offset_ns) / NS_PER_S
+                at_s = (sample.answered_ns - zero_ns) / NS_PER_S
+                by_s = (sample.offset_ns - self.offset_ns) / NS_PER_S
                 self.jumps.append({"at_s": round(at_s, 3), "by_s": round(by_s, 3)})
-        apart = moved > echo.uncertainty_ns + known_ns
-        if not self._echoes or apart or echo.uncertainty_ns <= known_ns:
-            self.offset_ns, self.uncertainty_ns = echo.offset_ns, echo.uncertainty_ns
+        apart = moved > sample.uncertainty_ns + known_ns
+        if not self._samples or apart or sample.uncertainty_ns <= known_ns:
+            self.offset_ns, self.uncertainty_ns = sample.offset_ns, sample.uncertainty_ns
         else:
             self.uncertainty_ns = known_ns
-        self._echoes.append(echo)
+        self._samples.append(sample)
         self.measured += 1
 
     @property
     def drift_ppm(self) -> tuple[float, float] | None:
-        """By how many millionths it is fast, and how uncertain that is; `None` before it was measured three times.
+        """Frequency error in millionths and its uncertainty; `None` before three measurements.
 
-        A line through all measurements since the last jump, each weighted by its uncertainty as if that were a
-        standard deviation.
+        The slope of a line through all measurements since the last jump, each weighted by its uncertainty as if that
+        were a standard deviation.
         """
-        if len(self._echoes) < 3:
+        if len(self._samples) < 3:
             return None
         at, offset, sigma = (
-            np.array([getattr(echo, name) for echo in self._echoes], np.float64)
+            np.array([getattr(sample, name) for sample in self._samples], np.float64)
             for name in ("answered_ns", "offset_ns", "uncertainty_ns")
         )
         weight = np.maximum(sigma, 1.0) ** -2
@@ -114,8 +138,8 @@ class Offset:
         return _PPM * slope, _PPM * spread**-0.5
 
     @property
-    def told(self) -> dict[str, Any]:
-        """For the manifest, in seconds and ppm."""
+    def manifest_entry(self) -> dict[str, Any]:
+        """What the manifest says of this clock, in seconds and ppm."""
         drift = self.drift_ppm
         return {
             "offset_s": round(self.offset_ns / NS_PER_S, 9),

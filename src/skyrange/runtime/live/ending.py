@@ -1,4 +1,4 @@
-"""How does a live range end up as one run's folder? All parts in one record, and what it was as a live one."""
+"""Merge of the nodes' records into one run's folder, with what the manifest says of the run as a live one."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ COUNTED: Final = ("sent", "received", "unheard", "early", "dropped", "garbage", 
 """Of each node's last start, as its `Counts` has them."""
 
 
-def merge(flown: Range, status: str, failure: SkyrangeError | None) -> None:
-    """One run's folder of all parts, and the parts away."""
+def merge_parts(flown: Range, status: str, failure: SkyrangeError | None) -> None:
+    """Merge all parts into one record, close it with `status` and `failure`, and remove the parts."""
     extra: dict[str, Any] = {"timings": _timings(flown), "live": _live(flown)}
     if failure is not None:
         extra["error"] = str(failure)
@@ -33,7 +33,7 @@ def merge(flown: Range, status: str, failure: SkyrangeError | None) -> None:
 
 
 def _parts(flown: Range) -> list[str]:
-    """Where everything was recorded, of each node once for each time that it was started."""
+    """The folders of all records, of each node one for each time that it was started."""
     starts = {name: member.starts for name, member in flown.members.items()}
     names = [node.name for node in flown.plan.nodes]
     return [part_of(name, start) for name in names for start in range(1, starts.get(name, 1) + 1)]

@@ -1,6 +1,6 @@
-"""How does a node hold its ends of the links that cross to others? Opened once, back whenever the peer is.
+"""Transports of the links between nodes: UDP, TCP, ZeroMQ or HTTP, reconnected whenever the peer is back.
 
-An end hands in what it hears as payloads, a protocol unit each, and is told what to send; it never waits.
+A transport hands over what it receives as payloads, one protocol unit each, and never waits.
 """
 
 from __future__ import annotations
@@ -14,22 +14,23 @@ from skyrange.io.mavlink_sockets import OnPiece, TcpEnd, UdpEnd, serve_tcp
 from skyrange.io.zmq_sockets import Counts as ZmqCounts
 from skyrange.io.zmq_sockets import ZmqEnd
 from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.passes import Passes
+from skyrange.runtime.live.passes import Credentials
 
-MOST_BYTES: Final = {"oracle": 1 << 20}
-"""Of a message over ZeroMQ, by kind of link: what ground receivers heard in a step, as JSON, is the longest."""
-USUAL_BYTES: Final = 1 << 12
-"""Of any other kind: a Remote ID message pack with its header has 300, a MAVLink frame 280."""
+MAX_BYTES: Final = {"oracle": 1 << 20}
+"""Longest message over ZeroMQ by kind of link: what ground receivers received in a step, as JSON, is the longest."""
+USUAL_MAX_BYTES: Final = 1 << 12
+"""Of every other kind: a Remote ID message pack with its header has 300, a MAVLink frame 280."""
 QUEUE: Final = 256
-AGAIN_S: Final = 0.2
-"""Between two attempts to reach a peer that is not there."""
+"""Messages that may wait for a ZeroMQ peer."""
+RECONNECT_S: Final = 0.2
+"""Between two attempts to reach a TCP peer."""
 
 
-class End(Protocol):
-    """One side of one crossing."""
+class Transport(Protocol):
+    """One side of one link between two nodes."""
 
     def send(self, payload: bytes) -> bool:
-        """Say a payload; False where nobody is there to hear it, or too much waits already."""
+        """Send a payload; False where no peer is there to receive it, or too much waits already."""
         ...
 
     def close(self) -> None:
@@ -42,41 +43,41 @@ class End(Protocol):
         ...
 
 
-async def listening(crossing: Crossing, piece: OnPiece, host: str, passes: Passes) -> End:
-    """The end that waits at the crossing's address, on the machine `host`. `OSError` where that is taken."""
+async def listen(crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
+    """The transport that waits at the link's address, on the machine `host`. `OSError` where the address is taken."""
     if crossing.transport == "udp":
-        return _Udp(await UdpEnd.open(piece, crossing.address))
+        return _Udp(await UdpEnd.open(on_piece, crossing.address))
     if crossing.transport == "tcp":
-        return await _TcpServer.open(piece, crossing.address)
+        return await TcpListener.open(on_piece, crossing.address)
     if crossing.transport == "zmq":
-        keys = None if is_loopback(crossing.address[0]) else passes.links
-        end = await ZmqEnd.bind(piece, crossing.address, keys=keys, max_bytes=_most(crossing), queue=QUEUE)
+        keys = None if is_loopback(crossing.address[0]) else credentials.links
+        end = await ZmqEnd.bind(on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE)
         return _Counted(end)
-    token = None if is_loopback(crossing.address[0]) else passes.token
-    return _Counted(await HttpServerEnd.open(piece, crossing.address, token=token))
+    token = None if is_loopback(crossing.address[0]) else credentials.token
+    return _Counted(await HttpServerEnd.open(on_piece, crossing.address, token=token))
 
 
-async def calling(crossing: Crossing, piece: OnPiece, host: str, passes: Passes) -> End:
-    """The end that goes from `host` to the crossing's address, now or as soon as somebody is there."""
+async def connect(crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
+    """The transport that connects from `host` to the link's address, now or as soon as somebody is there."""
     if crossing.transport == "udp":
         own = crossing.address[0] if is_loopback(crossing.address[0]) else host
-        return _Udp(await UdpEnd.open(piece, (own, 0), remote=crossing.address))
+        return _Udp(await UdpEnd.open(on_piece, (own, 0), remote=crossing.address))
     if crossing.transport == "tcp":
-        return _TcpCaller(piece, crossing.address)
+        return TcpConnector(on_piece, crossing.address)
     if crossing.transport == "zmq":
-        keys = None if is_loopback(crossing.address[0]) else passes.links
-        end = await ZmqEnd.connect(piece, crossing.address, keys=keys, max_bytes=_most(crossing), queue=QUEUE)
+        keys = None if is_loopback(crossing.address[0]) else credentials.links
+        end = await ZmqEnd.connect(on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE)
         return _Counted(end)
-    token = None if is_loopback(crossing.address[0]) else passes.token
-    return _Counted(await HttpClientEnd.open(piece, crossing.address, token=token))
+    token = None if is_loopback(crossing.address[0]) else credentials.token
+    return _Counted(await HttpClientEnd.open(on_piece, crossing.address, token=token))
 
 
-def _most(crossing: Crossing) -> int:
-    return MOST_BYTES.get(crossing.link.name.partition(":")[0], USUAL_BYTES)
+def _max_bytes(crossing: Crossing) -> int:
+    return MAX_BYTES.get(crossing.link.name.partition(":")[0], USUAL_MAX_BYTES)
 
 
 class _Udp:
-    """Lets everybody in."""
+    """Refuses nobody."""
 
     refused = 0
 
@@ -85,7 +86,7 @@ class _Udp:
 
 
 class _Counted:
-    """An end that counts by itself whom it does not let in."""
+    """A transport that counts itself whom it does not let in."""
 
     def __init__(self, end: ZmqEnd | HttpServerEnd | HttpClientEnd) -> None:
         self.send, self.close = end.send, end.close
@@ -93,12 +94,12 @@ class _Counted:
 
     @property
     def refused(self) -> int:
-        """See `End`."""
+        """See `Transport`."""
         counts = self._end.counts
         return counts.refused + (0 if isinstance(counts, ZmqCounts) else counts.garbage + counts.overflowed)
 
 
-class _Refusal(asyncio.Protocol):
+class _RefusedConnection(asyncio.Protocol):
     """Ends a connection before a byte is read."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -106,23 +107,25 @@ class _Refusal(asyncio.Protocol):
         transport.abort()  # type: ignore[attr-defined]
 
 
-class _TcpServer:
-    """Listens for one peer, as SITL's serial ports do: while the one there lives, another is refused.
+class TcpListener:
+    """Listens for one TCP peer, as SITL's serial ports do: while that one is connected, another is refused.
 
-    (SITL leaves it waiting; mavlink-router lets all in, each an endpoint of its own.) Who has not spoken MAVLink yet
-    gives way, so that a port scan that came first does not keep the peer out; a peer whose machine died is noticed by
-    its silence on TCP.
+    (SITL leaves it waiting; mavlink-router lets all in, each an endpoint of its own.) A peer that has not sent MAVLink
+    yet gives way, so that a port scan that came first does not keep the right peer out; a peer whose machine died is
+    noticed by its silence on TCP.
     """
 
-    def __init__(self, piece: OnPiece) -> None:
+    def __init__(self, on_piece: OnPiece) -> None:
+        """Called by `open`."""
         self.refused = 0
-        self._piece = piece
+        self._on_piece = on_piece
         self._server: asyncio.Server | None = None
         self._peer: TcpEnd | None = None
 
     @classmethod
-    async def open(cls, piece: OnPiece, address: tuple[str, int]) -> _TcpServer:
-        made = cls(piece)
+    async def open(cls, on_piece: OnPiece, address: tuple[str, int]) -> TcpListener:
+        """Listen at `address`; `OSError` where it is taken."""
+        made = cls(on_piece)
         made._server, _ = await serve_tcp(made._accept, address)
         return made
 
@@ -130,50 +133,51 @@ class _TcpServer:
         if self._peer is not None and not self._peer.lost.done():
             if self._peer.counts.frames:
                 self.refused += 1
-                return _Refusal()
+                return _RefusedConnection()
             self._peer.close()
-        self._peer = TcpEnd(self._piece)
+        self._peer = TcpEnd(self._on_piece)
         return self._peer
 
     def send(self, payload: bytes) -> bool:
-        """See `End`."""
+        """See `Transport`."""
         return self._peer is not None and self._peer.send(payload)
 
     def close(self) -> None:
-        """See `End`."""
+        """See `Transport`."""
         if self._server is not None:
             self._server.close()
         if self._peer is not None:
             self._peer.close()
 
 
-class _TcpCaller:
-    """Connects, and again whenever the connection is lost."""
+class TcpConnector:
+    """Connects to a TCP peer, and again whenever the connection is lost."""
 
     refused = 0
 
-    def __init__(self, piece: OnPiece, address: tuple[str, int]) -> None:
+    def __init__(self, on_piece: OnPiece, address: tuple[str, int]) -> None:
+        """Begin to connect, in the running event loop."""
         self._peer: TcpEnd | None = None
-        self._task = asyncio.get_running_loop().create_task(self._keep(piece, address))
+        self._task = asyncio.get_running_loop().create_task(self._keep_connected(on_piece, address))
 
-    async def _keep(self, piece: OnPiece, address: tuple[str, int]) -> None:
+    async def _keep_connected(self, on_piece: OnPiece, address: tuple[str, int]) -> None:
         while True:
             try:
-                peer = await TcpEnd.connect(piece, address)
+                peer = await TcpEnd.connect(on_piece, address)
             except OSError:
-                await asyncio.sleep(AGAIN_S)
+                await asyncio.sleep(RECONNECT_S)
                 continue
             self._peer = peer
             await peer.lost
             self._peer = None
-            await asyncio.sleep(AGAIN_S)  # one that refuses is not asked all the time
+            await asyncio.sleep(RECONNECT_S)  # a peer that refuses is not asked all the time
 
     def send(self, payload: bytes) -> bool:
-        """See `End`."""
+        """See `Transport`."""
         return self._peer is not None and self._peer.send(payload)
 
     def close(self) -> None:
-        """See `End`."""
+        """See `Transport`."""
         self._task.cancel()
         if self._peer is not None:
             self._peer.close()

@@ -1,7 +1,7 @@
-"""What does a machine do that has joined a range? It starts the processes it is told to, and gives back their records.
+"""Agent of a machine that has joined a live range: starts the processes it is told to, hands over their records.
 
-It asks for the time all along, so that its clock is known; what ends it says; and when the range falls silent it ends
-them and keeps what they recorded.
+It asks for the time all along, so that its clock is known; it reports every process that ends; and when the range falls
+silent it ends them all and keeps what they recorded.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import json
 import shutil
 import socket
 import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,82 +18,91 @@ from typing import Final
 
 from skyrange import __version__
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.time import NS_PER_S
 from skyrange.io.curve_keys import Keys
 from skyrange.io.ends import text
 from skyrange.io.mavlink_sockets import Address
-from skyrange.io.programs import Program
 from skyrange.record.folder import PARTS
-from skyrange.runtime.live.clock import Echo, best
-from skyrange.runtime.live.control import Message, Phone
-from skyrange.runtime.live.files import listed, read_chunk, write_chunk
-from skyrange.runtime.live.launch import start
-from skyrange.runtime.live.orders import Orders
+from skyrange.runtime.live.clock import ClockSample, quickest_sample
+from skyrange.runtime.live.control import ControlClient, Message
+from skyrange.runtime.live.files import list_files, read_chunk, write_chunk
+from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.live.system import Process, RealSystem, System
 
-HOST_MARK: Final = "@"
+HOST_PREFIX: Final = "@"
 """What a machine's name at the control socket begins with; a node's never does."""
 SILENT_S: Final = 10.0
-"""Without a word for so long, the other side is taken to be gone."""
+"""The other side is taken to be gone when it has sent nothing for so long."""
 _ASK_S: Final = 1.0
-_ECHOES: Final = 5
-"""Questions about the time in a row, of which the quickest counts."""
+_SAMPLES: Final = 5
+"""Requests for the time in a row, of which the quickest counts."""
 _LOOK_S: Final = 0.1
 _STRANGER: Final = 3
-"""Connections after which somebody who never answers is taken to have other keys."""
+"""Connections after which a peer that never answers is taken to have other keys."""
 
 OnWord = Callable[[str], None]
+"""Called with a line for the user."""
 
 
 @dataclass(slots=True)
-class Host:
+class HostAgent:
     """A machine in one range, from joining it to its end."""
 
     address: str
-    phone: Phone
+    client: ControlClient
     root: Path
     on_word: OnWord
-    programs: dict[str, Program] = field(default_factory=dict)
+    system: System = field(default_factory=RealSystem)
+    processes: dict[str, Process] = field(default_factory=dict)
     welcome: bool = False
     over: bool = False
-    _told: set[str] = field(default_factory=set)
-    _heard_s: float = field(default_factory=time.monotonic)
-    _echoes: list[Echo] = field(default_factory=list)
+    _reported: set[str] = field(default_factory=set)
+    _heard_ns: int = 0
+    _samples: list[ClockSample] = field(default_factory=list)
 
     async def serve(self, wait_s: float) -> None:
-        """Join, do as told, and end with the range."""
-        await self.phone.tell("join", version=__version__, address=self.address)
-        tasks = [asyncio.create_task(self._listen()), asyncio.create_task(self._ask())]
+        """Join, do as told, and end with the range.
+
+        `InputError` for keys or versions that do not match; `ComponentError` where no range answers within `wait_s`, or
+        the range falls silent.
+        """
+        await self.client.send("join", version=__version__, address=self.address)
+        tasks = [asyncio.create_task(self._receive()), asyncio.create_task(self._measure_clock())]
         try:
             await self._wait_to_join(wait_s, tasks)
             while not self.over:
                 self._raise_of(tasks)
-                await self._tell_ended()
-                if time.monotonic() - self._heard_s > SILENT_S:
-                    raise ComponentError("live", f"the range at {text(self.phone.address)} fell silent")
+                await self._report_ended()
+                if self._now_ns() - self._heard_ns > SILENT_S * NS_PER_S:
+                    raise ComponentError("live", f"the range at {text(self.client.address)} fell silent")
                 await asyncio.sleep(_LOOK_S)
         finally:
             for task in tasks:
                 task.cancel()
-            for program in self.programs.values():
-                program.kill()
+            for process in self.processes.values():
+                process.kill()
+
+    def _now_ns(self) -> int:
+        return self.system.clock.monotonic_ns()
 
     async def _wait_to_join(self, wait_s: float, tasks: list[asyncio.Task[None]]) -> None:
-        phone, until_s = self.phone, time.monotonic() + wait_s
-        where = text(phone.address)
+        client, until_ns = self.client, self._now_ns() + wait_s * NS_PER_S
+        where = text(client.address)
         while not self.welcome:
             self._raise_of(tasks)
-            if phone.refused:
+            if client.refused:
                 hint = "Make one with `skyrange keys` in the folder that the range is started with."
                 raise InputError.one(
                     "node", "key", f"the range at {where} does not know it", "a key of the range", hint
                 )
-            if phone.reached > _STRANGER:
+            if client.reached > _STRANGER:
                 hint = "Take the key file from the folder that the range was started with."
                 raise InputError.one("node", "key", f"who answers at {where} has another", "the key of the range", hint)
-            if time.monotonic() > until_s:
+            if self._now_ns() > until_ns:
                 hint = "Start it there with `skyrange live`, and see that no firewall is between"
                 raise ComponentError("node", f"no range answers at {where} within {wait_s:g} s", hint)
             await asyncio.sleep(_LOOK_S)
-        self._heard_s = time.monotonic()
+        self._heard_ns = self._now_ns()
 
     @staticmethod
     def _raise_of(tasks: list[asyncio.Task[None]]) -> None:
@@ -102,61 +110,62 @@ class Host:
             if task.done():
                 task.result()
 
-    # --- what the range says -----------------------------------------------------------------------
+    # --- messages of the range ---------------------------------------------------------------------
 
-    async def _listen(self) -> None:
+    async def _receive(self) -> None:
         while True:
-            said, blob = await self.phone.hear()
-            self._heard_s = time.monotonic()
-            await self._obey(said, blob)
+            message, blob = await self.client.receive()
+            self._heard_ns = self._now_ns()
+            await self._obey(message, blob)
 
-    async def _obey(self, said: Message, blob: bytes) -> None:
-        kind = said["kind"]
+    async def _obey(self, message: Message, blob: bytes) -> None:
+        kind = message["kind"]
         if kind == "refused":
-            raise InputError.one("node", "join", str(said["value"]), str(said["expected"]), str(said["hint"]))
+            value, expected, hint = (str(message[key]) for key in ("value", "expected", "hint"))
+            raise InputError.one("node", "join", value, expected, hint)
         if kind == "welcome":
             self.welcome = True
-            self.on_word(f"joined {said['name']} as {self.address}; its folder here is {self.root}")
+            self.on_word(f"joined {message['name']} as {self.address}; its folder here is {self.root}")
         elif kind == "file":
-            write_chunk(self.root, said["name"], int(said["offset"]), blob)
+            write_chunk(self.root, message["name"], int(message["offset"]), blob)
         elif kind == "node":
-            orders = Orders.from_json(blob.decode())
-            self.programs[orders.name] = start(self.root, orders)
-            self._told.discard(orders.name)
-            self.on_word(f"started {orders.name}")
+            config = NodeConfig.from_json(blob.decode())
+            self.processes[config.name] = self.system.start_node(self.root, config)
+            self._reported.discard(config.name)
+            self.on_word(f"started {config.name}")
         elif kind == "answer":
-            self._echoes.append(Echo(int(said["sent_ns"]), int(said["answered_ns"]), time.monotonic_ns()))
+            self._samples.append(ClockSample(int(message["sent_ns"]), int(message["answered_ns"]), self._now_ns()))
         elif kind == "parts":
-            names = json.dumps(listed(self.root / PARTS)).encode()
-            await self.phone.tell("parts", names)
+            names = json.dumps(list_files(self.root / PARTS)).encode()
+            await self.client.send("parts", names)
         elif kind == "fetch":
-            data = read_chunk(self.root / PARTS, said["name"], int(said["offset"]))
-            await self.phone.tell("chunk", data, name=said["name"], offset=said["offset"])
+            data = read_chunk(self.root / PARTS, message["name"], int(message["offset"]))
+            await self.client.send("chunk", data, name=message["name"], offset=message["offset"])
         elif kind == "over":
             self.over = True
 
-    # --- what this machine says --------------------------------------------------------------------
+    # --- messages of this machine ------------------------------------------------------------------
 
-    async def _ask(self) -> None:
-        """The time, again and again."""
+    async def _measure_clock(self) -> None:
+        """Ask for the time, again and again."""
         while True:
-            self._echoes.clear()
-            for _ in range(_ECHOES):
-                await self.phone.tell("ask", sent_ns=time.monotonic_ns())
-                await asyncio.sleep(_ASK_S / _ECHOES / 4)
+            self._samples.clear()
+            for _ in range(_SAMPLES):
+                await self.client.send("ask", sent_ns=self._now_ns())
+                await asyncio.sleep(_ASK_S / _SAMPLES / 4)
             await asyncio.sleep(_ASK_S)
-            if self._echoes:
-                echo = best(self._echoes)
-                times = {"sent_ns": echo.sent_ns, "answered_ns": echo.answered_ns, "back_ns": echo.back_ns}
-                await self.phone.tell("clock", **times)
+            if self._samples:
+                sample = quickest_sample(self._samples)
+                times = {"sent_ns": sample.sent_ns, "answered_ns": sample.answered_ns, "back_ns": sample.received_ns}
+                await self.client.send("clock", **times)
 
-    async def _tell_ended(self) -> None:
-        for name, program in self.programs.items():
-            if name not in self._told and not program.running:
-                self._told.add(name)
-                words = program.last_words()
-                await self.phone.tell("ended", node=name, how=program.ended, words=words)
-                self.on_word(f"{name} ended: {program.ended}")
+    async def _report_ended(self) -> None:
+        for name, process in self.processes.items():
+            if name not in self._reported and not process.running:
+                self._reported.add(name)
+                words = process.last_words()
+                await self.client.send("ended", node=name, how=process.ended, words=words)
+                self.on_word(f"{name} ended: {process.ended}")
 
 
 def join(
@@ -168,10 +177,19 @@ def join(
     `remote` is reached. `InputError` for keys or versions that do not match, `ComponentError` where no range answers
     or it falls silent; then what was recorded stays, and the error says where.
     """
+    system = RealSystem()
     own = address or _own_address(remote)
+    system.run(serve_range(remote, keys, own, wait_s=wait_s, on_word=on_word, system=system))
+
+
+async def serve_range(remote: Address, keys: Keys, own: str, *, wait_s: float, on_word: OnWord, system: System) -> None:
+    """`join`, in a running event loop, with the address `own`."""
     root = Path(tempfile.mkdtemp(prefix="skyrange-node-"))
+    client = system.control_client(f"{HOST_PREFIX}{own}", remote, keys)
+    client.open()
+    on_word(f"waiting for a range at {text(remote)}")
     try:
-        asyncio.run(_join(remote, keys, own, root, wait_s, on_word))
+        await HostAgent(own, client, root, on_word, system).serve(wait_s)
     except ComponentError as error:
         kept = any((root / PARTS).glob("*/manifest.json"))
         if kept:
@@ -181,17 +199,10 @@ def join(
     except BaseException:
         shutil.rmtree(root, ignore_errors=True)
         raise
-    shutil.rmtree(root, ignore_errors=True)
-
-
-async def _join(remote: Address, keys: Keys, own: str, root: Path, wait_s: float, on_word: OnWord) -> None:
-    phone = Phone(f"{HOST_MARK}{own}", remote, keys)
-    phone.open()
-    on_word(f"waiting for a range at {text(remote)}")
-    try:
-        await Host(own, phone, root, on_word).serve(wait_s)
+    else:
+        shutil.rmtree(root, ignore_errors=True)
     finally:
-        phone.close()
+        client.close()
 
 
 def _own_address(remote: Address) -> str:

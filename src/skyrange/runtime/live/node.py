@@ -1,19 +1,19 @@
-"""What does one process of a live range do? A kernel of its own endpoints, paced by the range's clock, on real sockets.
+"""One node of a live range: a kernel of its own endpoints, paced by the range's clock, on transports to other nodes.
 
-What a kernel hands out for others is written to the link's socket when it would have come out of the link's channel;
-what a socket hands in arrives when it was read. Only payloads cross, so a peer may be any program.
+What the kernel hands out for other nodes is written to the link's transport when it would have come out of the link's
+channel; what a transport hands in arrives when it was read. Only payloads cross, so a peer may be any program.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from skyrange.agent.contracts import Observer
 from skyrange.agent.frames import Frame
@@ -21,34 +21,41 @@ from skyrange.agent.links import MIN_LATENCY_NS
 from skyrange.codec.deframe import Piece
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.io.mavlink_sockets import OnPiece
 from skyrange.kernel import Kernel
 from skyrange.kernel.lane import Transit
 from skyrange.record import Recorder
+from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.clock import RangeClock
-from skyrange.runtime.live.ends import End, calling, listening
-from skyrange.runtime.live.intake import Intake
-from skyrange.runtime.live.orders import Orders
-from skyrange.runtime.live.tap_door import Taps
+from skyrange.runtime.live.ends import Transport
+from skyrange.runtime.live.intake import IngressRateLimiter
+from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.live.passes import Credentials
+from skyrange.runtime.live.system import System
+from skyrange.runtime.live.tap_door import TapServer
 from skyrange.runtime.live.viewing import Viewing
 from skyrange.scenario.wire import Rig
 
 SLICE_NS: Final[Time] = 50 * NS_PER_MS
-"""The most that a node makes good at once, so that its sockets are served while it is behind."""
+"""The most that a node catches up at once, so that its transports are served while it is behind."""
 PAUSE_NS: Final[Time] = NS_PER_S
-"""Later than this a node was not slow but stood still: what it did not do then it does once, and not as often as it
-was due, as a program that was stopped has no old heartbeats to send. The world alone makes good every tick."""
+"""A node that is later than this was not slow but stood still: what it did not do then it does once, and not as often
+as it was due, as a program that was stopped has no old heartbeats to send. The world alone makes good every tick."""
+FLUSH_NS: Final = NS_PER_S
+"""Between two times at which recorded rows are handed to the disk."""
+_Open = Callable[[Crossing, OnPiece, str, Credentials], Awaitable[Transport]]
 
 
 @dataclass(slots=True)
 class Counts:
-    """What has crossed, since the start."""
+    """What has crossed between this node and others, since the start."""
 
     sent: int = 0
     received: int = 0
     unheard: int = 0
     """Payloads that no peer took."""
     dropped: int = 0
-    """Payloads that came faster than any link of a range carries (see `intake`)."""
+    """Payloads that came faster than any link of a range carries (see `IngressRateLimiter`)."""
     garbage: int = 0
     """Of those received, runs of bytes and messages that are nothing the link carries."""
     refused: int = 0
@@ -64,19 +71,22 @@ class Counts:
 class Node:
     """One process's part of the range."""
 
-    def __init__(self, orders: Orders, rig: Rig, recorder: Recorder) -> None:
+    def __init__(self, config: NodeConfig, rig: Rig, recorder: Recorder, system: System) -> None:
+        """`rig` has what lives at the endpoints of `config`; `recorder` is told all that happens."""
         self.counts = Counts()
-        self._orders = orders
-        self._viewing = Viewing(orders.watched) if orders.watched else None
+        self._config = config
+        self._system = system
+        self._viewing = Viewing(config.watched) if config.watched else None
         observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
         self._kernel = Kernel(replace(rig.wiring, fuse=False), observers)
         self._recorder = recorder
+        self._flush_due_ns = 0
         self._can_pause = rig.wiring.world is None
         self._duration_ns = rig.duration_ns
         self._clock: RangeClock | None = None
-        self._ends: dict[str, End] = {}
-        self._taps = Taps(orders.crossings, frozenset(orders.endpoints), recorder)
-        self._intake = Intake()
+        self._transports: dict[str, Transport] = {}
+        self._taps = TapServer(config.crossings, frozenset(config.endpoints), recorder)
+        self._ingress = IngressRateLimiter()
         self._resting: asyncio.Future[None] | None = None
         self._pending: list[tuple[Time, int, Transit]] = []
         self._pushed = 0
@@ -89,46 +99,47 @@ class Node:
         """Why it ends early, such as "interrupted"; "" while it does not."""
 
     async def bind(self) -> None:
-        """Hold the addresses at which others call."""
-        await self._open(listening, mine=True)
+        """Hold the addresses to which others connect."""
+        await self._open(self._system.listen, listens=True)
 
-    async def admit(self, folder: Path) -> None:
-        """Let tap processes in, by a door in `folder`."""
+    async def open_taps(self, folder: Path) -> None:
+        """Let tap processes in, by a socket in `folder`."""
         await self._taps.open(folder, lambda: None if self._clock is None else self._clock.now(), self._wake)
 
     async def connect(self) -> None:
-        """Call the others."""
-        await self._open(calling, mine=False)
+        """Connect to the others."""
+        await self._open(self._system.connect, listens=False)
 
-    async def _open(self, how: Any, *, mine: bool) -> None:
-        own = frozenset(self._orders.endpoints)
-        for crossing in self._orders.crossings:
+    async def _open(self, how: _Open, *, listens: bool) -> None:
+        own = frozenset(self._config.endpoints)
+        for crossing in self._config.crossings:
             spec = crossing.link
-            if (crossing.listener in own) is not mine:
+            if (crossing.listener in own) is not listens:
                 continue
             incoming = f"{spec.name}:{'rev' if spec.a in own else 'fwd'}"
             try:
-                hear = partial(self._heard, incoming)
-                self._ends[spec.name] = await how(crossing, hear, self._orders.host, self._orders.passes)
+                on_piece = partial(self._receive, incoming)
+                transport = await how(crossing, on_piece, self._config.host, self._config.credentials)
+                self._transports[spec.name] = transport
             except OSError as error:
                 host, port = crossing.address
                 raise ComponentError(
-                    self._orders.name,
+                    self._config.name,
                     f"{spec.name} at {host}:{port}: {error.strerror or error}",
                     "Move all ports with --port-offset",
                 ) from error
 
-    def _heard(self, lane: str, piece: Piece) -> None:
+    def _receive(self, link: str, piece: Piece) -> None:
         if self._clock is None:
-            self.counts.early += 1  # a stranger's: nobody of the range speaks before it
+            self.counts.early += 1  # a stranger's: no node of the range sends before it
             return
         self.counts.garbage += piece.garbage
-        self._intake.take(self._clock.now(), lane, piece.data)
+        self._ingress.admit(self._clock.now(), link, piece.data)
         self._wake()
 
     def boot(self) -> None:
-        """Everything before time 0."""
-        if self._kernel.now < -1 and not self._orders.anew:
+        """Run everything before time 0."""
+        if self._kernel.now < -1 and not self._config.restarted:
             self._kernel.advance(-1)
 
     def stop(self, why: str) -> None:
@@ -136,27 +147,28 @@ class Node:
         self._stopped = self._stopped or why
         self._wake()
 
-    def set_clock(self, zero_ns: int) -> None:
-        """The range's time 0 on this machine's clock, known better than before. Time that was reached stays reached."""
+    def set_zero(self, zero_ns: int) -> None:
+        """Set the range's time 0 on this machine's clock, known better than before; time reached stays reached."""
         if self._clock is not None:
             self._clock.zero_ns = zero_ns
 
-    def begin(self, attack: str, start: Time) -> None:
-        """An attack's trigger has held where the world is."""
+    def begin_attack(self, attack: str, start: Time) -> None:
+        """Let an attack act from `start`: its trigger has held where the world is."""
         self._kernel.begin(attack, start)
 
     async def fly(self, zero_ns: int) -> str:
-        """Until the end, or until it is stopped; how it ended, as a record's status."""
-        clock = self._clock = RangeClock(zero_ns)
+        """Run until the scenario's end, or until it is stopped; the status of the record."""
+        clock = self._clock = RangeClock(self._system.clock, zero_ns)
         if self._viewing is not None:
             self._viewing.open()
         self._began_cpu_s = time.process_time()
-        if self._orders.anew:
+        if self._config.restarted:
             self._kernel.skip(clock.now())
         while not self._stopped:
             now = clock.now()
             if now >= 0:
-                self._turn(min(now, self._duration_ns))
+                self._advance(min(now, self._duration_ns))
+                self._flush()
                 if self._kernel.now >= self._duration_ns:
                     return "complete"
             due = self._pending[0][0] if self._pending else self._duration_ns
@@ -164,9 +176,15 @@ class Node:
             await self._rest((due - clock.now()) / NS_PER_S)
         return self._stopped
 
+    def _flush(self) -> None:
+        now_ns = self._system.clock.monotonic_ns()
+        if now_ns >= self._flush_due_ns:
+            self._flush_due_ns = now_ns + FLUSH_NS
+            self._recorder.flush()
+
     async def _rest(self, seconds: float) -> None:
-        """So long, or until something is heard; sockets are served at least once."""
-        if self._intake.waiting or seconds <= 0.0:
+        """Wait so long, or until something is received; transports are served at least once."""
+        if self._ingress.waiting or seconds <= 0.0:
             await asyncio.sleep(0)
             return
         # a future and a timer: an Event within asyncio.timeout does the same for half as much again
@@ -182,8 +200,8 @@ class Node:
         if self._resting is not None and not self._resting.done():
             self._resting.set_result(None)
 
-    def _turn(self, now: Time) -> None:
-        """Take in what was heard, go on to `now`, and say what is due."""
+    def _advance(self, now: Time) -> None:
+        """Take in what was received, run on to `now`, and send what is due."""
         kernel = self._kernel
         now = max(now, kernel.now)  # where the clock was set back
         late_ns = now - kernel.due
@@ -192,9 +210,9 @@ class Node:
             self.counts.paused_ns += late_ns
             kernel.skip(now)
         until = min(now, max(kernel.now, min(kernel.due, now)) + SLICE_NS)
-        heard = self._intake.drain()
-        inbound = [self._transit(lane, data, max(at, kernel.now + 1)) for at, lane, data in heard]
-        inbound = self._tapped(now, inbound)
+        received = self._ingress.drain()
+        inbound = [self._transit(link, data, max(at, kernel.now + 1)) for at, link, data in received]
+        inbound = self._through_taps(now, inbound)
         for transit in kernel.advance(until, inbound):
             self._pushed += 1
             heappush(self._pending, (transit.arrival, self._pushed, transit))
@@ -207,10 +225,10 @@ class Node:
             if self._taps.holds(frame.link):
                 self._taps.take(now, frame, outgoing=True)
             else:
-                self._say(frame)
+                self._send(frame)
 
-    def _tapped(self, now: Time, inbound: list[Transit]) -> list[Transit]:
-        """What comes in after those taps that are processes of their own; what they let out is said."""
+    def _through_taps(self, now: Time, inbound: list[Transit]) -> list[Transit]:
+        """What comes in after those taps that are processes of their own; what they let out is sent."""
         free = []
         for transit in inbound:
             if self._taps.holds(transit.frame.link):
@@ -219,27 +237,27 @@ class Node:
                 free.append(transit)
         for frame, outgoing in self._taps.turn(now):
             if outgoing:
-                self._say(frame)
+                self._send(frame)
             else:
                 arrival = max(now, self._kernel.now + 1, frame.sent_ns + MIN_LATENCY_NS)
                 free.append(Transit(arrival, f"{frame.link}:{frame.direction}", frame))
         return free
 
-    def _transit(self, lane: str, data: bytes, arrival: Time) -> Transit:
-        """What was heard, as the kernel takes it: who truly sent it, and when, is known where it was sent."""
+    def _transit(self, link: str, data: bytes, arrival: Time) -> Transit:
+        """What was received, as the kernel takes it: who truly sent it, and when, is known where it was sent."""
         self.counts.received += 1
-        serial = self._arrived.get(lane, 0)
-        self._arrived[lane] = serial + 1
-        link, _, direction = lane.rpartition(":")
-        src, dst = self._kernel.lane(lane)
-        return Transit(arrival, lane, Frame(link, direction, src, serial, src, dst, arrival, data))
+        serial = self._arrived.get(link, 0)
+        self._arrived[link] = serial + 1
+        name, _, direction = link.rpartition(":")
+        src, dst = self._kernel.lane(link)
+        return Transit(arrival, link, Frame(name, direction, src, serial, src, dst, arrival, data))
 
-    def _say(self, frame: Frame) -> None:
+    def _send(self, frame: Frame) -> None:
         self._recorder.on_frame(frame)  # in flight, as far as is known here
         if self._viewing is not None:
             self._viewing.leaves(frame)
-        end = self._ends.get(frame.link)
-        if end is not None and end.send(frame.payload):
+        transport = self._transports.get(frame.link)
+        if transport is not None and transport.send(frame.payload):
             self.counts.sent += 1
         else:
             self.counts.unheard += 1
@@ -248,8 +266,8 @@ class Node:
     def status(self) -> Mapping[str, float]:
         """For the supervisor's table."""
         now = self._clock.now() if self._clock is not None else 0
-        self.counts.dropped = self._intake.dropped
-        self.counts.refused = sum(end.refused for end in self._ends.values())
+        self.counts.dropped = self._ingress.dropped
+        self.counts.refused = sum(transport.refused for transport in self._transports.values())
         return {
             **asdict(self.counts),
             **(self._viewing.status if self._viewing is not None else {}),
@@ -259,13 +277,13 @@ class Node:
         }
 
     def close(self) -> None:
-        """Give sockets and programs back; what still waits to be said is in flight."""
+        """Give sockets and programs back; what still waits to be sent is in flight."""
         for _, _, transit in sorted(self._pending, key=lambda entry: entry[:2]):
             self._recorder.on_frame(transit.frame)
         self._pending.clear()
         self._taps.close(self._kernel.now)
-        for end in self._ends.values():
-            end.close()
+        for transport in self._transports.values():
+            transport.close()
         if self._viewing is not None:
             self._viewing.close()
         self._kernel.finish()

@@ -1,7 +1,7 @@
-"""What lets a process of the range in where others would be refused? Keys and a token, made for this range alone.
+"""Credentials of one live range: CURVE key pairs and a bearer token, made when it starts and valid for it alone.
 
-They reach a node in its orders: in a file that its owner alone can read, and to another machine under that machine's
-own key. Links on the loopback are open, as they are in life; MAVLink knows no keys but those of its signatures.
+A node gets them in its configuration: in a file that only its owner can read, and on another machine under that
+machine's own key. Links on the loopback are open, as in life; MAVLink has no keys but those of its signatures.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ from skyrange.io.curve_keys import Keys
 
 
 @dataclass(frozen=True, slots=True)
-class Passes:
-    """What a node shows."""
+class Credentials:
+    """What a node authenticates itself with."""
 
-    desk: Keys
-    """At the supervisor's control socket."""
+    control: Keys
+    """For the supervisor's control socket."""
     links: Keys
-    """At ZeroMQ links that go from machine to machine: one pair, that all nodes have."""
+    """For ZeroMQ links between machines: one pair, which all nodes have."""
     token: str = field(repr=False)
-    """At an approval on another machine, as a bearer token."""
+    """The bearer token for an approval on another machine."""
 
 
-def issue(desk: bytes) -> Passes:
-    """New ones for a range whose control socket has the public key `desk` (Z85)."""
+def issue_credentials(server: bytes) -> Credentials:
+    """New credentials for a range whose control socket has the public key `server` (Z85)."""
     (public, secret), (shared, shared_secret) = zmq.curve_keypair(), zmq.curve_keypair()
-    return Passes(
-        Keys(public, secret, frozenset({desk})),
+    return Credentials(
+        Keys(public, secret, frozenset({server})),
         Keys(shared, shared_secret, frozenset({shared})),
         secrets.token_urlsafe(24),
     )

@@ -1,11 +1,12 @@
-"""How does one process of a live range come up, obey, report and end?
+"""Process of one node of a live range: start, orders of the supervisor, reports, end.
 
-`python -m skyrange.runtime.live.process RUN/.parts/NAME.program/orders.json`, as `launch` starts it.
+`python -m skyrange.runtime.live.process RUN/.parts/NAME.program/node.json`, as `launch` starts it.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import signal
 import sys
 from collections.abc import Mapping, Sequence
@@ -15,58 +16,65 @@ from typing import Any, Final
 from skyrange.core.errors import SkyrangeError
 from skyrange.record import Recorder
 from skyrange.runtime.collector import at_ease
-from skyrange.runtime.live.control import Phone
+from skyrange.runtime.live.control import ControlClient
 from skyrange.runtime.live.node import Node
-from skyrange.runtime.live.orders import Orders
-from skyrange.runtime.warm import warm_up
+from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.live.system import RealSystem, System
 from skyrange.scenario.load import load_file
 from skyrange.scenario.wire import Rig, wire
 
 STATUS_S: Final = 0.5
+"""Between two reports to the supervisor."""
 
 
-async def serve(orders: Orders, root: Path) -> int:
-    """Run a node from its first word to the supervisor to its last; the exit code. `root` is the run's folder."""
-    phone = Phone(orders.name, orders.control, orders.passes.desk)
-    phone.open()
+async def run_node(config: NodeConfig, root: Path, system: System) -> int:
+    """Run a node from its first message to the supervisor to its last; the exit code. `root` is the run's folder."""
+    client = system.control_client(config.name, config.control, config.credentials.control)
+    client.open()
     try:
-        await phone.tell("hello")
+        await client.send("hello")
         try:
-            scenario, here = load_file(root / "scenario.toml"), frozenset(orders.endpoints)
-            rig = wire(scenario, local=here, motion=orders.motion)
-            if not orders.anew:  # the others wait for nobody who is late, and what he runs they have compiled
-                said = await _until(phone, "warm_up")
-                warm_up(scenario, rehearse=bool(said["rehearse"]))
-            return await _serve(orders, phone, rig, root / orders.part)
+            scenario, here = load_file(root / "scenario.toml"), frozenset(config.endpoints)
+            rig = wire(scenario, local=here, motion=config.motion)
+            if not config.restarted:  # the others wait for nobody who is late, and have compiled what it needs
+                message = await _await_message(client, "warm_up")
+                system.warm_up(scenario, rehearse=bool(message["rehearse"]))
+            return await _fly_node(config, client, rig, root / config.part, system)
         except _StoppedError:
-            await phone.tell("done", status="interrupted")
+            await client.send("done", status="interrupted")
             return 0
         except (SkyrangeError, OSError) as error:
-            await phone.tell("done", status="failed", error=str(error))
+            await client.send("done", status="failed", error=str(error))
             print(error, file=sys.stderr)
             return getattr(error, "exit_code", 3)
     finally:
-        phone.close()
+        client.close()
 
 
-async def _serve(orders: Orders, phone: Phone, rig: Rig, part: Path) -> int:
-    told = {"name": orders.name, "host": orders.host, "endpoints": list(orders.endpoints), "offset_ns": 0}
-    record = rig.scenario.record
-    recorder = Recorder.open(part, rig.header | {"node": told}, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+async def _fly_node(config: NodeConfig, client: ControlClient, rig: Rig, part: Path, system: System) -> int:
+    facts = {"name": config.name, "host": config.host, "endpoints": list(config.endpoints), "offset_ns": 0}
+    rates = rig.scenario.record
+    recorder = Recorder.open(
+        part,
+        rig.header | {"node": facts},
+        truth_hz=rates.truth_hz,
+        sensors_hz=rates.sensors_hz,
+        flush_s=math.inf,  # the node flushes by the system's clock
+    )
     recorder.listen(rig.oracle)
-    node = Node(orders, rig, recorder)
+    node = Node(config, rig, recorder, system)
     tasks: list[asyncio.Task[None]] = []
     status, error = "failed", ""
     try:
         await node.bind()
-        await node.admit(Path(f"{part}.program"))
-        await phone.tell("bound")
-        await _until(phone, "connect")
+        await node.open_taps(Path(f"{part}.program"))
+        await client.send("bound")
+        await _await_message(client, "connect")
         await node.connect()
         node.boot()
-        await phone.tell("ready")
-        start = await _until(phone, "start")
-        tasks = [asyncio.create_task(work(phone, node)) for work in (_report, _announce, _obey)]
+        await client.send("ready")
+        start = await _await_message(client, "start")
+        tasks = [asyncio.create_task(work(client, node)) for work in (_report_status, _report_triggers, _obey)]
         for task in tasks:  # a node that nobody hears, or that hears nobody, does not fly on
             task.add_done_callback(lambda ended: None if ended.cancelled() else node.stop("failed"))
         with at_ease():
@@ -84,9 +92,9 @@ async def _serve(orders: Orders, phone: Phone, rig: Rig, part: Path) -> int:
             task.cancel()
         node.close()
         rig.close()
-        facts = {"node": {**told, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
-        recorder.close(status, facts, in_spool=True)  # its rows are soon those of the whole
-    await phone.tell("done", status=status, **node.status)
+        ended = {"node": {**facts, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
+        recorder.close(status, ended, in_spool=True)  # its rows are soon those of the whole
+    await client.send("done", status=status, **node.status)
     return 0
 
 
@@ -94,45 +102,46 @@ class _StoppedError(Exception):
     """The supervisor does not want to start any more."""
 
 
-async def _until(phone: Phone, kind: str) -> Mapping[str, Any]:
+async def _await_message(client: ControlClient, kind: str) -> Mapping[str, Any]:
     while True:
-        said, _ = await phone.hear()
-        if said["kind"] == kind:
-            return said
-        if said["kind"] == "stop":
+        message, _ = await client.receive()
+        if message["kind"] == kind:
+            return message
+        if message["kind"] == "stop":
             raise _StoppedError
 
 
-async def _obey(phone: Phone, node: Node) -> None:
+async def _obey(client: ControlClient, node: Node) -> None:
     while True:
-        said, _ = await phone.hear()
-        if said["kind"] == "stop":
+        message, _ = await client.receive()
+        if message["kind"] == "stop":
             node.stop("interrupted")
             return
-        if said["kind"] == "clock":
-            node.set_clock(int(said["zero_ns"]))
-        if said["kind"] == "attack":
-            node.begin(str(said["id"]), int(said["start_ns"]))
+        if message["kind"] == "clock":
+            node.set_zero(int(message["zero_ns"]))
+        if message["kind"] == "attack":
+            node.begin_attack(str(message["id"]), int(message["start_ns"]))
 
 
-async def _report(phone: Phone, node: Node) -> None:
+async def _report_status(client: ControlClient, node: Node) -> None:
     while True:
-        await phone.tell("status", **node.status)
+        await client.send("status", **node.status)
         await asyncio.sleep(STATUS_S)
 
 
-async def _announce(phone: Phone, node: Node) -> None:
-    """Tell of triggers at once: taps in other processes act from then on."""
+async def _report_triggers(client: ControlClient, node: Node) -> None:
+    """Report triggers at once: taps in other processes act from then on."""
     while True:
         attack, start = await node.triggered.get()
-        await phone.tell("attack", id=attack, start_ns=start)
+        await client.send("attack", id=attack, start_ns=start)
 
 
 def main(arguments: Sequence[str]) -> int:
-    """The process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor's to hear
+    """The process: `arguments` are the path of its configuration file. Returns the exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor's to handle
     path = Path(arguments[0])
-    return asyncio.run(serve(Orders.from_json(path.read_text()), path.parents[2]))
+    system = RealSystem()
+    return system.run(run_node(NodeConfig.from_json(path.read_text()), path.parents[2], system))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
-"""What is a live range before it flies, and while it does? What is wanted, all of it checked, and how everybody is."""
+"""A live range: what was asked for, checked before anything starts, and the state of every node while it flies."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,20 +11,20 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
 from skyrange.io.curve_keys import Keys
-from skyrange.io.programs import Program
 from skyrange.record import Recorder
-from skyrange.runtime.live.addresses import Crossing, check_free, crossings
+from skyrange.runtime.live.addresses import Crossing, crossings
 from skyrange.runtime.live.control import Message
 from skyrange.runtime.live.namespaces import Namespaces, namespaces
 from skyrange.runtime.live.plan import Group, Plan, component_of, plan
+from skyrange.runtime.live.system import Process, RealSystem, System
 from skyrange.runtime.live.viewing import Watched, watched
 from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import OnDeath, Scenario
 from skyrange.scenario.wire import Rig, wire
 
 State = Literal["starting", "here", "bound", "ready", "flying", "done", "dead"]
-MOST_STARTS = 4
-"""Of a node: what dies so often is not mended by a start more."""
+MAX_STARTS = 4
+"""Of a node: what dies so often is not mended by one more start."""
 
 
 @dataclass(slots=True)
@@ -35,7 +34,7 @@ class Member:
     name: str
     host: str
     state: State = "starting"
-    program: Program | None = None
+    process: Process | None = None
     """Its process, if that runs on this machine."""
     status: Message = field(default_factory=dict)
     """Its last report: counts, `now_ns`, `lag_ns`, `cpu_s`."""
@@ -44,38 +43,40 @@ class Member:
     gone: bool = False
     """Whether its process on another machine has ended."""
     deaths: list[str] = field(default_factory=list)
-    """How those of this name ended that were started before it."""
+    """How the processes of this name ended that were started before it."""
 
     @property
     def starts(self) -> int:
-        """How often it was started."""
+        """Number of times that it was started."""
         return len(self.deaths) + 1
 
     @property
     def running(self) -> bool:
         """Whether its process has not ended yet."""
-        return self.program.running if self.program is not None else not self.gone
+        return self.process.running if self.process is not None else not self.gone
 
 
 @dataclass(slots=True)
 class Range:
-    """A live range: what is wanted, and how everybody is."""
+    """A live range: what was asked for, and the state of everything."""
 
     rig: Rig
     plan: Plan
     crossings: list[Crossing]
     recorder: Recorder
-    """Of the whole; it is told everything at the end."""
+    """Of the whole range; it is told everything at the end."""
     on_death: OnDeath
     keys: Keys | None = None
-    """The range's own and those of the machines that may join; `None` for a range of one machine."""
+    """The range's own keys and those of the machines that may join; `None` for a range of one machine."""
     control_port: int = 0
     spaces: Namespaces | None = None
     """The networks of operators and aircraft, if they have their own on this machine."""
     motion: bool = False
     """Whether vehicles outside the range may be moved, where the scenario allows it too."""
     watched: Watched = ()
-    """Aircraft that viewers see, and where."""
+    """Aircraft that viewers see, and at which port."""
+    system: System = field(default_factory=RealSystem)
+    """Clock, sockets and processes of this machine."""
     members: dict[str, Member] = field(default_factory=dict)
     waits_for: list[str] = field(default_factory=list)
     """Addresses of machines that have not joined yet."""
@@ -84,6 +85,7 @@ class Range:
     refused: int = 0
     """Connections to the control socket without a key of the range's."""
     zero_ns: int = 0
+    """Time 0 on this machine's monotonic clock; 0 before it is set."""
     took_s: float = 0.0
     """Wall seconds from time 0 to the end."""
 
@@ -100,7 +102,7 @@ class Range:
     @property
     def now_s(self) -> float:
         """The range's time; negative before its start."""
-        return (time.monotonic_ns() - self.zero_ns) / NS_PER_S if self.zero_ns else -1.0
+        return (self.system.clock.monotonic_ns() - self.zero_ns) / NS_PER_S if self.zero_ns else -1.0
 
 
 OnLook = Callable[[Range], None]
@@ -120,13 +122,15 @@ def prepare(
     netns: bool = False,
     motion: bool = False,
     viewer_port: int | None = None,
+    system: System | None = None,
 ) -> Range:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
     `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, as `runtime.viewers`
-    has it; no offset moves that.
+    has it; no offset moves that. `system` is this machine unless another is given.
     Raises `InputError` with all that is wrong, before anything is written.
     """
+    machine = system or RealSystem()
     rig = wire(scenario, motion=motion)
     links = rig.wiring.links
     if netns and scenario.hosts:
@@ -139,9 +143,10 @@ def prepare(
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
         raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
     here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
-    check_free([one for one in here if spaces is None])  # in networks that are not there yet nobody is
+    machine.check_free([one for one in here if spaces is None])  # in networks that are not there yet nothing is taken
     control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
     seen = watched(fleet, viewer_port) if viewer_port is not None else ()
     death = on_death or scenario.live.on_death
-    return Range(rig, planned, places, open_record(rig, out), death, keys, control_port, spaces, motion, seen)
+    record = open_record(rig, out)
+    return Range(rig, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)

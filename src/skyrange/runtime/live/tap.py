@@ -1,157 +1,163 @@
-"""How does a program of anybody's come to stand on a link? A process between it and the link's node, lines both ways.
+"""Tap process: connects a user's program with the node at whose end of a link it stands, by lines of JSON.
 
 `skyrange tap` finds the node by the run's folder, and listens for the program at an address of the loopback. The
-node holds the frames and their times: this process may die, and so may the program.
+node holds the frames and their times, so this process may die, and so may the program.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.errors import ComponentError, Fault, InputError, nearest
+from skyrange.core.time import NS_PER_S
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
+from skyrange.runtime.live.clock import Clock, MonotonicClock
+from skyrange.runtime.live.launch import CONFIG_FILE
 from skyrange.runtime.live.plan import LOOPBACK
-from skyrange.runtime.live.tap_door import DOOR, LINE_BYTES, WAITING_BYTES, line, short
+from skyrange.runtime.live.tap_door import MAX_LINE_BYTES, MAX_WAITING_BYTES, SOCKET, line_of, socket_path
 from skyrange.runtime.live.tapping import Terms
 
-ORDERS: Final = "orders.json"
-"""What a node is told, in its folder."""
-AGAIN_S: Final = 0.1
-Said = Callable[[str], None]
+RETRY_S: Final = 0.1
+"""Between two attempts to reach the node."""
+OnWord = Callable[[str], None]
+"""Called with a line for the user."""
 
 
 @dataclass(slots=True)
 class Tapping:
-    """A tap's process: on which terms, where its program calls, and what came of it."""
+    """A tap's process: its terms, the address for its program, and the counts of what happened."""
 
     terms: Terms
     listen: tuple[str, int]
     """Port 0 takes any that is free."""
     run: Path
     wait_s: float = 60.0
-    """So long it waits for the range to be there."""
+    """How long it waits for the range to be there."""
+    clock: Clock = field(default_factory=MonotonicClock)
     counts: Mapping[str, int] = field(default_factory=dict)
-    """As the node has them at the end; empty where it ended otherwise."""
+    """The node's counts at the end; empty where the range broke off."""
     _program: asyncio.StreamWriter | None = None
     _hello: bytes = b""
 
-    def serve(self, say: Said) -> None:
-        """Until the range ends. `InputError` for a link that is not there or an address that cannot be had."""
-        asyncio.run(self.run_until_the_end(say))
+    def serve(self, on_word: OnWord) -> None:
+        """Serve until the range ends. `InputError` for a link that is not there or an address that cannot be had."""
+        asyncio.run(self.relay(on_word))
 
-    async def run_until_the_end(self, say: Said) -> None:
-        """The same within an event loop."""
-        reader, door = await self._enter()
+    async def relay(self, on_word: OnWord) -> None:
+        """`serve`, in a running event loop."""
+        reader, node = await self._attach()
         try:
-            server = await asyncio.start_server(lambda r, w: self._meet(r, w, door), *self.listen, limit=LINE_BYTES)
+            server = await asyncio.start_server(
+                lambda r, w: self._serve_program(r, w, node), *self.listen, limit=MAX_LINE_BYTES
+            )
         except OSError as error:
-            door.close()
+            node.close()
             where = f"{self.listen[0]}:{self.listen[1]}"
             raise InputError.one("tap", "--listen", where, f"an address that is free ({error.strerror})") from error
         host, port = server.sockets[0].getsockname()[:2]
-        say(f"{self.terms.link} is tapped; a program may call {host}:{port}")
+        on_word(f"{self.terms.link} is tapped; a program may call {host}:{port}")
         try:
-            while said := await reader.readline():
-                self._forward(said)
+            while line := await reader.readline():
+                self._forward(line)
         except (OSError, ValueError) as error:
             raise ComponentError("tap", f"the range broke off: {error}") from error
         finally:
             server.close()
-            door.close()
+            node.close()
             if self._program is not None:
                 self._program.close()
 
-    async def _enter(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        """Through the door of the link's node, once it is there."""
-        deadline = time.monotonic() + self.wait_s
+    async def _attach(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        """Connect to the tap socket of the link's node, once it is there."""
+        deadline_ns = self.clock.monotonic_ns() + self.wait_s * NS_PER_S
         while True:
-            folder = node_of(self.run, self.terms.link)
+            folder = find_node_folder(self.run, self.terms.link)
             if folder is not None:
                 try:
-                    with short(folder) as name:
-                        reader, door = await asyncio.open_unix_connection(name, limit=LINE_BYTES)
+                    with socket_path(folder) as path:
+                        reader, node = await asyncio.open_unix_connection(path, limit=MAX_LINE_BYTES)
                     break
                 except OSError:
                     pass
-            if time.monotonic() > deadline:
+            if self.clock.monotonic_ns() > deadline_ns:
                 raise InputError.one("tap", "--run", str(self.run), "the folder of a live range that flies")
-            await asyncio.sleep(AGAIN_S)
-        door.write(line(self.terms.model_dump()))
-        said = await reader.readline()
-        answer = json.loads(said) if said else {"error": "the range has ended"}
+            await asyncio.sleep(RETRY_S)
+        node.write(line_of(self.terms.model_dump()))
+        hello = await reader.readline()
+        answer = json.loads(hello) if hello else {"error": "the range has ended"}
         if "error" in answer:
-            door.close()
+            node.close()
             raise InputError.one("tap", "LINK", self.terms.link, str(answer["error"]))
-        self._hello = said
-        return reader, door
+        self._hello = hello
+        return reader, node
 
-    async def _meet(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, door: asyncio.StreamWriter
+    async def _serve_program(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, node: asyncio.StreamWriter
     ) -> None:
-        """A program calls: one at a time, and none is turned away silently."""
+        """Serve a program that has connected: one at a time, and none is turned away silently."""
         if self._program is not None:
-            writer.write(line({"error": "a program is there already"}))
+            writer.write(line_of({"error": "a program is there already"}))
             writer.close()
             return
         self._program = writer
         writer.write(self._hello)
-        door.write(line({"program": True}))
+        node.write(line_of({"program": True}))
         try:
-            while said := await reader.readline():
-                door.write(said if said.endswith(b"\n") else said + b"\n")
-                await door.drain()
-        except (OSError, ValueError):  # it has gone, or said a line that is too long
+            while line := await reader.readline():
+                node.write(line if line.endswith(b"\n") else line + b"\n")
+                await node.drain()
+        except (OSError, ValueError):  # it has gone, or sent a line that is too long
             pass
         finally:
             self._program = None
-            door.write(line({"program": False}))
+            node.write(line_of({"program": False}))
             writer.close()
 
-    def _forward(self, said: bytes) -> None:
-        if said.startswith(b'{"end":'):
-            self.counts = json.loads(said)["end"]
+    def _forward(self, line: bytes) -> None:
+        """Pass a line of the node on to the program."""
+        if line.startswith(b'{"end":'):
+            self.counts = json.loads(line)["end"]
         program = self._program
-        # one that does not read loses frames: the node deals with them as with those that get no answer
-        if program is not None and program.transport.get_write_buffer_size() < WAITING_BYTES:
-            program.write(said)
+        # a program that does not read loses frames: the node deals with them as with those that get no answer
+        if program is not None and program.transport.get_write_buffer_size() < MAX_WAITING_BYTES:
+            program.write(line)
 
 
-def node_of(run: Path, link: str) -> Path | None:
-    """The folder with the door of the node at whose socket a link is tapped; `None` before it is there.
+def find_node_folder(run: Path, link: str) -> Path | None:
+    """The folder with the tap socket of the node at which a link is tapped; `None` before it is there.
 
-    That is the end which listens, or the other where that one is no process of the range. `InputError` for a link
-    that does not cross between processes, and for a range that has ended.
+    That is the node of the listening end, or the other where that end is no process of the range. `InputError` for a
+    link that does not cross between processes, and for a range that has ended.
     """
     found: dict[str, Path] = {}
-    folders = [path.parent for path in sorted((run / PARTS).glob(f"*.program/{ORDERS}"))]
+    folders = [path.parent for path in sorted((run / PARTS).glob(f"*.program/{CONFIG_FILE}"))]
     for folder in folders:
-        orders = _read(folder / ORDERS)
-        if orders is None:
+        config = _read_json(folder / CONFIG_FILE)
+        if config is None:
             return None
-        for crossing in orders["crossings"]:
-            if crossing["listener"] in orders["endpoints"] or crossing["link"]["name"] not in found:
+        for crossing in config["crossings"]:
+            if crossing["listener"] in config["endpoints"] or crossing["link"]["name"] not in found:
                 found[crossing["link"]["name"]] = folder
     if link in found:
-        return found[link] if (found[link] / DOOR).exists() else None
-    if folders and all((folder / DOOR).exists() for folder in folders):
+        return found[link] if (found[link] / SOCKET).exists() else None
+    if folders and all((folder / SOCKET).exists() for folder in folders):
         hint = f"{nearest(link, found)} One within a process has no socket: --group component gives each its own. "
         hint += "One between other machines is tapped on one of those."
         raise InputError("tap", [Fault("LINK", link, "a link that crosses between processes", hint)])
-    status = (_read(run / MANIFEST) or {}).get("status", "running")
+    status = (_read_json(run / MANIFEST) or {}).get("status", "running")
     if status != "running":
         raise InputError.one("tap", "--run", f"{run} ({status})", "a live range that flies")
     return None
 
 
-def _read(path: Path) -> dict[str, Any] | None:
-    """A JSON object, `None` while there is none, or half of one."""
+def _read_json(path: Path) -> dict[str, Any] | None:
+    """The JSON object in a file; `None` while there is none, or half of one."""
     try:
         found = json.loads(path.read_text())
     except (OSError, ValueError):
@@ -160,7 +166,7 @@ def _read(path: Path) -> dict[str, Any] | None:
 
 
 def loopback(address: str) -> tuple[str, int]:
-    """Host and port of `HOST:PORT`, `InputError` unless it is the loopback's: a tap has no keys."""
+    """Host and port of `HOST:PORT`; `InputError` unless it is on the loopback, since a tap has no keys."""
     host, _, port = address.rpartition(":")
     if host not in (LOOPBACK, "localhost", "") or not port.isdecimal() or int(port) > 65_535:
         hint = "From another machine let ssh carry it: ssh -L."

@@ -1,7 +1,7 @@
-"""Where do tap processes reach a node? A Unix socket in its folder of the run; who may write there may tap.
+"""Tap server of a node: a Unix socket in the node's folder of the run; whoever may write there may tap.
 
-One connection is one link's tap: first the terms, then frames out and answers in, a line of JSON each. A line of
-`{"program": true}` or `false` says whether anybody is there to answer.
+One connection is one link's tap: first its terms, then frames out and verdicts in, a line of JSON each. The line
+`{"program": true}` or `false` says whether a program is there to answer.
 """
 
 from __future__ import annotations
@@ -21,57 +21,57 @@ from skyrange.agent.frames import Frame
 from skyrange.core.errors import nearest
 from skyrange.core.time import NEVER, Time
 from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.tapping import OutsideTap, Record, Terms
+from skyrange.runtime.live.tapping import ExternalTap, Record, Terms
 
-DOOR: Final = "tap.sock"
-LINE_BYTES: Final = 4 << 20
-"""The longest line: what ground receivers heard in a step, in hexadecimal, is the longest payload."""
-WAITING_BYTES: Final = 4 << 20
-"""What may wait for a tap process that does not read; then its frames are dealt with as if nobody were there."""
+SOCKET: Final = "tap.sock"
+MAX_LINE_BYTES: Final = 4 << 20
+"""Longest line: what ground receivers received in a step, in hexadecimal, is the longest payload."""
+MAX_WAITING_BYTES: Final = 4 << 20
+"""What may wait for a tap process that does not read; then its frames are dealt with as if no program were there."""
 
 
-def line(said: Mapping[str, Any]) -> bytes:
-    """A line of JSON."""
-    return json.dumps(said, separators=(",", ":")).encode() + b"\n"
+def line_of(message: Mapping[str, Any]) -> bytes:
+    """A message as a line of JSON."""
+    return json.dumps(message, separators=(",", ":")).encode() + b"\n"
 
 
 @contextlib.contextmanager
-def short(folder: Path) -> Iterator[str]:
-    """A name of the door in `folder` that a Unix socket can have: paths over 107 bytes are none (unix(7))."""
-    path = str(folder / DOOR)
+def socket_path(folder: Path) -> Iterator[str]:
+    """A path of the socket in `folder` that a Unix socket can have: at most 107 bytes long (unix(7))."""
+    path = str(folder / SOCKET)
     if len(os.fsencode(path)) < 104 or not Path("/proc/self/fd").is_dir():
         yield path
         return
     held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        yield f"/proc/self/fd/{held}/{DOOR}"
+        yield f"/proc/self/fd/{held}/{SOCKET}"
     finally:
         os.close(held)
 
 
-class Taps:
-    """All taps at one node's border."""
+class TapServer:
+    """All taps on the links that leave one node."""
 
     def __init__(self, crossings: Sequence[Crossing], own: frozenset[str], record: Record) -> None:
         """`own` are the node's endpoints; `crossings` those of its links."""
         self._crossings = {one.link.name: one for one in crossings}
         self._own = own
         self._record = record
-        self._taps: dict[str, OutsideTap] = {}
-        self._lines: dict[str, asyncio.StreamWriter] = {}
+        self._taps: dict[str, ExternalTap] = {}
+        self._writers: dict[str, asyncio.StreamWriter] = {}
         self._serials: dict[str, dict[str, int]] = {}
         self._server: asyncio.Server | None = None
-        self._talks: set[asyncio.Task[None]] = set()
-        self._now: Callable[[], Time | None] = _never
-        self._awake = _nothing
+        self._connections: set[asyncio.Task[None]] = set()
+        self._now: Callable[[], Time | None] = _no_time
+        self._wake = _do_nothing
 
-    async def open(self, folder: Path, now: Callable[[], Time | None], awake: Callable[[], None]) -> None:
-        """Let tap processes in. `now` is the range's time, None before it is known; `awake` is called for `turn`."""
-        self._now, self._awake = now, awake
-        with short(folder) as name:
+    async def open(self, folder: Path, now: Callable[[], Time | None], wake: Callable[[], None]) -> None:
+        """Let tap processes in. `now` is the range's time, None before it is known; `wake` is called for `turn`."""
+        self._now, self._wake = now, wake
+        with socket_path(folder) as path:
             before = os.umask(0o177)
             try:
-                self._server = await asyncio.start_unix_server(self._meet, name, limit=LINE_BYTES)
+                self._server = await asyncio.start_unix_server(self._accept, path, limit=MAX_LINE_BYTES)
             finally:
                 os.umask(before)
 
@@ -81,20 +81,20 @@ class Taps:
         return min((0 if tap.ready else tap.due for tap in self._taps.values()), default=NEVER)
 
     def holds(self, link: str) -> bool:
-        """Whether the frames of a link are to be shown to a tap."""
+        """Whether the frames of a link go through a tap."""
         return link in self._taps
 
     def take(self, now: Time, frame: Frame, *, outgoing: bool) -> None:
-        """A frame of a link that is tapped."""
+        """Hand a frame of a link that is tapped to its tap."""
         tap = self._taps[frame.link]
-        writer = self._lines.get(frame.link)
-        deaf = writer is None or writer.transport.get_write_buffer_size() > WAITING_BYTES
+        writer = self._writers.get(frame.link)
+        deaf = writer is None or writer.transport.get_write_buffer_size() > MAX_WAITING_BYTES
         asked = tap.take(now, frame, outgoing, deaf=deaf)
         if asked is not None and writer is not None:
-            writer.write(line(asked))
+            writer.write(line_of(asked))
 
     def turn(self, now: Time) -> list[tuple[Frame, bool]]:
-        """What is to go on now, and whether it leaves this node."""
+        """Frames that go on now, and whether each leaves this node."""
         going: list[tuple[Frame, bool]] = []
         for tap in self._taps.values():
             tap.turn(now)
@@ -104,82 +104,83 @@ class Taps:
         return going
 
     def close(self, now: Time) -> None:
-        """The run is over here."""
+        """End all taps: the run is over here."""
         if self._server is not None:
             self._server.close()
-        for talk in self._talks:
-            talk.cancel()
-        for name, writer in self._lines.items():
-            writer.write(line({"end": asdict(self._taps[name].counts)}))
+        for connection in self._connections:
+            connection.cancel()
+        for name, writer in self._writers.items():
+            writer.write(line_of({"end": asdict(self._taps[name].counts)}))
             writer.close()
         for tap in self._taps.values():
             tap.end(now)
 
-    async def _meet(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        talk = asyncio.current_task()
-        assert talk is not None
-        self._talks.add(talk)
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        connection = asyncio.current_task()
+        assert connection is not None
+        self._connections.add(connection)
         try:
-            await self._talk(reader, writer)
-        except (OSError, ValueError):  # it has gone, or said a line that is too long
+            await self._serve(reader, writer)
+        except (OSError, ValueError):  # it has gone, or sent a line that is too long
             pass
         finally:
-            self._talks.discard(talk)
+            self._connections.discard(connection)
             writer.close()
 
-    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        tap = self._attached(await reader.readline())
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        tap = self._attach(await reader.readline())
         if isinstance(tap, str):
-            writer.write(line({"error": tap}))
+            writer.write(line_of({"error": tap}))
             await writer.drain()
             return
         name = tap.spec.name
-        self._lines[name] = writer
-        writer.write(line(tap.hello))
+        self._writers[name] = writer
+        writer.write(line_of(tap.hello))
         tap.note(self._at(), "attached")
         try:
-            while said := await reader.readline():
-                wrong = self._heard(tap, said)
-                if wrong:
-                    writer.write(line({"error": wrong}))
-                if writer.transport.get_write_buffer_size() > WAITING_BYTES:
+            while line := await reader.readline():
+                problem = self._handle_line(tap, line)
+                if problem:
+                    writer.write(line_of({"error": problem}))
+                if writer.transport.get_write_buffer_size() > MAX_WAITING_BYTES:
                     return
-                self._awake()
+                self._wake()
         finally:
-            if self._lines.get(name) is writer and not self._closed:
-                del self._lines[name]
-                tap.come(self._at(), False)
+            if self._writers.get(name) is writer and not self._closed:
+                del self._writers[name]
+                tap.set_present(self._at(), False)
                 tap.note(self._at(), "detached")
-                self._awake()
+                self._wake()
 
     @property
     def _closed(self) -> bool:
         return self._server is not None and not self._server.is_serving()
 
-    def _heard(self, tap: OutsideTap, said: bytes) -> str:
-        if said.strip() in (b'{"program":true}', b'{"program":false}'):
-            tap.come(self._at(), b"true" in said)
+    def _handle_line(self, tap: ExternalTap, line: bytes) -> str:
+        """Act on a line of a tap process; what is wrong with it, "" for nothing."""
+        if line.strip() in (b'{"program":true}', b'{"program":false}'):
+            tap.set_present(self._at(), b"true" in line)
             return ""
         if self._now() is None:
             return "the range does not fly yet"
-        return tap.answer(self._at(), said)
+        return tap.answer(self._at(), line)
 
-    def _attached(self, said: bytes) -> OutsideTap | str:
-        """A new tap on the terms that were said, or why there is none."""
+    def _attach(self, line: bytes) -> ExternalTap | str:
+        """A new tap on the terms in `line`, or why there is none."""
         try:
-            terms = Terms.model_validate_json(said)
+            terms = Terms.model_validate_json(line)
         except ValidationError as error:
             return str(error.errors(include_url=False, include_input=False)[0]["msg"])
         crossing = self._crossings.get(terms.link)
         if crossing is None:
             hint = nearest(terms.link, self._crossings)
             return f"{terms.link} does not come out of this process{f'; {hint}' if hint else ''}"
-        if terms.link in self._lines:
+        if terms.link in self._writers:
             return f"{terms.link} is tapped already"
         side = next(end for end in (crossing.link.a, crossing.link.b) if end in self._own)
         units = crossing.transport in ("udp", "tcp")
         serials = self._serials.setdefault(f"{terms.name}@{terms.link}", {})
-        tap = OutsideTap(terms, crossing.link, side, units, self._record, serials)
+        tap = ExternalTap(terms, crossing.link, side, units, self._record, serials)
         before = self._taps.get(terms.link)
         if before is not None:
             tap.succeed(before)
@@ -191,9 +192,9 @@ class Taps:
         return 0 if now is None else max(now, 0)
 
 
-def _never() -> Time | None:
+def _no_time() -> Time | None:
     return None
 
 
-def _nothing() -> None:
+def _do_nothing() -> None:
     return

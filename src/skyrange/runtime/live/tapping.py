@@ -1,6 +1,6 @@
-"""What becomes of a link's frames while a program outside judges them? Held, numbered, released, written down.
+"""External tap: holds a link's frames while a program outside the range decides on them, and records what it does.
 
-No socket and no clock here: frames, answers and times come in, and what is to go on is collected. The tap stands at
+No socket and no clock here: frames, verdicts and times come in, and what is to go on is collected. The tap stands at
 the border of a node, beyond all taps of its kernel, where payloads leave for a socket or have come from one.
 """
 
@@ -22,14 +22,14 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_MS, Time, to_seconds
 
 NOTICED_NS: Final[Time] = 20 * NS_PER_MS
-"""A frame that was kept for longer is labelled as delayed, whether that was said or not."""
-MOST_HELD: Final = 10_000
+"""A frame that was held for longer is labelled as delayed, whether the program asked for that or not."""
+MAX_HELD: Final = 10_000
 """Frames that may wait at once; what comes then is dealt with as if no program were there."""
 Fail = Literal["open", "closed"]
 
 
 class Record(Protocol):
-    """Where what happens is written down, as an observer is told."""
+    """An observer, as far as a tap needs one."""
 
     def on_frame(self, frame: Frame) -> None: ...  # noqa: D102
     def on_label(self, label: Label) -> None: ...  # noqa: D102
@@ -37,32 +37,32 @@ class Record(Protocol):
 
 
 class Terms(BaseModel):
-    """How a link is tapped."""
+    """Terms on which a link is tapped."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     link: str
     """Such as `gcs:blue/b1`."""
     name: str = Field(default="tap-process", pattern=r"^[A-Za-z0-9_-]{1,32}$")
-    """What labels call it: the attack."""
+    """The attack's name in labels."""
     hold_ms: float = Field(default=200.0, ge=1.0, le=60_000.0)
-    """So long a frame waits for its answer."""
+    """How long a frame waits for its verdict."""
     fail: Fail = "open"
-    """A frame that gets no answer passes, or is dropped."""
+    """Whether a frame that gets no verdict passes ("open") or is dropped ("closed")."""
 
 
-class Answer(BaseModel):
-    """What the program says, as one line of JSON."""
+class TapVerdict(BaseModel):
+    """The program's decision on a frame, as one line of JSON."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     do: Literal["pass", "drop", "replace", "delay", "inject"]
     id: int | None = None
-    """Of the frame that is judged; for "inject" the one that it is made of, if any."""
+    """Of the frame that it decides on; for "inject" the one that it is made of, if any."""
     payload: str | None = Field(default=None, pattern=r"^([0-9a-fA-F]{2})+$")
     """Of "replace" and "inject", in hexadecimal: one protocol unit."""
     delay_ms: float = Field(default=0.0, ge=0.0, le=600_000.0)
-    """How long "delay" and "replace" keep it."""
+    """How long "delay" and "replace" hold it."""
     direction: Literal["fwd", "rev"] | None = None
     """Of "inject": from the link's first end to its second, or back."""
 
@@ -79,11 +79,11 @@ class Counts:
     delayed: int = 0
     injected: int = 0
     unanswered: int = 0
-    """Frames that got no answer in time."""
+    """Frames that got no verdict in time."""
     unasked: int = 0
     """Frames that came while no program was there, or too many waited."""
     strange: int = 0
-    """Lines that were no answer."""
+    """Lines that were no verdict."""
 
 
 @dataclass(slots=True)
@@ -94,22 +94,22 @@ class _Held:
 
 
 @dataclass(slots=True)
-class OutsideTap:
-    """One link's tap. `outward` is the direction that leaves this node; `units`, whether payloads are MAVLink."""
+class ExternalTap:
+    """One link's tap. `mavlink` tells whether payloads are MAVLink."""
 
     terms: Terms
     spec: LinkSpec
     side: str
     """The endpoint at whose socket it stands."""
-    units: bool
+    mavlink: bool
     record: Record
     serials: dict[str, int] = field(default_factory=dict)
-    """Of its own frames, by direction; goes on where an earlier tap of that name ended."""
+    """Next serials of its own frames, by direction; continue where an earlier tap of that name ended."""
     present: bool = False
     """Whether a program is there."""
     counts: Counts = field(default_factory=Counts)
     ready: list[tuple[Frame, bool]] = field(default_factory=list)
-    """What is to go on, and whether it leaves this node."""
+    """Frames that go on, and whether each leaves this node."""
     _asked: dict[int, _Held] = field(default_factory=dict)
     _later: list[tuple[Time, int, _Held]] = field(default_factory=list)
     _numbers: int = 0
@@ -137,19 +137,19 @@ class OutsideTap:
         return round(self.terms.hold_ms * NS_PER_MS)
 
     def take(self, now: Time, frame: Frame, outgoing: bool, *, deaf: bool = False) -> dict[str, Any] | None:
-        """A frame is at the border: what to ask the program; `None` where it has been dealt with.
+        """Take a frame at the border; what to ask the program, `None` where the frame has been dealt with.
 
         A program that is `deaf`, as it does not read what it was asked before, is not asked.
         """
         held = _Held(frame, outgoing, now)
-        if deaf or not self.present or len(self._asked) + len(self._later) >= MOST_HELD:
+        if deaf or not self.present or len(self._asked) + len(self._later) >= MAX_HELD:
             self.counts.unasked += 1
             self._fail(now, held)
             return None
         self._numbers += 1
         self._asked[self._numbers] = held
         self._recent[self._numbers] = frame.id
-        if len(self._recent) > MOST_HELD:
+        if len(self._recent) > MAX_HELD:
             del self._recent[next(iter(self._recent))]
         self.counts.handed += 1
         return {
@@ -163,19 +163,19 @@ class OutsideTap:
         }
 
     def answer(self, now: Time, line: bytes) -> str:
-        """The program has said `line`: what is wrong with it, "" for nothing. The frame waits on where it is wrong."""
+        """Act on the program's verdict `line`; what is wrong with it, "" for nothing. If so the frame waits on."""
         try:
-            said = Answer.model_validate_json(line)
+            said = TapVerdict.model_validate_json(line)
         except ValidationError as error:
             first = error.errors(include_url=False, include_input=False)[0]
             wrong = f"{'.'.join(map(str, first['loc'])) or 'line'}: {first['msg']}"
         else:
-            wrong = self._inject(now, said) if said.do == "inject" else self._judge(now, said)
+            wrong = self._inject(now, said) if said.do == "inject" else self._decide(now, said)
         self.counts.strange += bool(wrong)
         return wrong
 
     def turn(self, now: Time) -> None:
-        """Deal with what has waited long enough."""
+        """Deal with the frames that have waited long enough."""
         while self._later and self._later[0][0] <= now:
             self._release(now, heappop(self._later)[2])
         while self._asked:
@@ -186,8 +186,8 @@ class OutsideTap:
             self.counts.unanswered += 1
             self._fail(now, held)
 
-    def come(self, now: Time, there: bool) -> None:
-        """A program has come, or has gone: what waits for its answer gets none."""
+    def set_present(self, now: Time, there: bool) -> None:
+        """Set whether a program is there: when it comes or goes, what waits for its verdict gets none."""
         if there == self.present:
             return
         self.present = there
@@ -197,18 +197,18 @@ class OutsideTap:
             self.counts.unanswered += 1
             self._fail(now, held)
 
-    def succeed(self, before: OutsideTap) -> None:
-        """Take over what an earlier tap of the link still holds."""
+    def succeed(self, before: ExternalTap) -> None:
+        """Take over the frames that an earlier tap of the link still holds."""
         self.ready, before.ready = before.ready, []
         self._later, before._later = before._later, []
 
     def note(self, now: Time, what: str) -> None:
-        """Write down that it was `attached`, or `detached`; that its program `came`, or `went`."""
+        """Record that it was `attached`, or `detached`; that its program `came`, or `went`."""
         data = {"link": self.spec.name, "what": what, "fail": self.terms.fail}
         self.record.on_note(now, self.name, Note("event.tap", self.spec.name.partition(":")[2], data))
 
     def end(self, now: Time) -> None:
-        """The run ends: what is held is under way for ever."""
+        """Record what is still held as in flight: the run ends."""
         for held in [*self._asked.values(), *(held for _, _, held in self._later)]:
             self._delayed(now, held)
             self.record.on_frame(held.frame)
@@ -220,7 +220,7 @@ class OutsideTap:
 
     # ---------------------------------------------------------------- verdicts
 
-    def _judge(self, now: Time, said: Answer) -> str:
+    def _decide(self, now: Time, said: TapVerdict) -> str:
         held = self._asked.get(said.id) if said.id is not None else None
         if held is None or said.id is None:
             return f"id: {said.id} waits for no answer"
@@ -248,7 +248,7 @@ class OutsideTap:
             self._release(now, held)
         return ""
 
-    def _inject(self, now: Time, said: Answer) -> str:
+    def _inject(self, now: Time, said: TapVerdict) -> str:
         if said.payload is None or said.direction is None:
             return '"inject" needs a payload and a direction, "fwd" or "rev"'
         if said.delay_ms:
@@ -256,7 +256,7 @@ class OutsideTap:
         payload = self._unit(said.payload)
         if isinstance(payload, str):
             return payload
-        if len(self.ready) >= MOST_HELD:
+        if len(self.ready) >= MAX_HELD:
             return "too much at once"
         src, dst = (self.spec.a, self.spec.b) if said.direction == "fwd" else (self.spec.b, self.spec.a)
         parent = self._recent.get(said.id) if said.id is not None else None
@@ -267,9 +267,9 @@ class OutsideTap:
         return ""
 
     def _unit(self, payload: str) -> bytes | str:
-        """The bytes, or what is wrong: a link carries one protocol unit at a time, as taps and agents see them."""
+        """The bytes, or what is wrong: a link carries one protocol unit at a time, as taps and agents see it."""
         data = bytes.fromhex(payload)
-        if self.units:
+        if self.mavlink:
             deframer = Deframer()
             found = [*deframer.feed(data), *deframer.finish()]
             if len(found) != 1:
@@ -293,7 +293,7 @@ class OutsideTap:
         self.record.on_frame(held.frame)
 
     def _instead(self, now: Time, frame: Frame, payload: bytes) -> Frame:
-        """Another frame in a frame's place."""
+        """Another frame in the place of `frame`."""
         child = self._own(now, frame.direction, frame.src, frame.dst, payload, frame.id)
         self._label(now, "replace", frame.id, child=child.id)
         frame.fate = Fate.REPLACED
@@ -319,6 +319,6 @@ class OutsideTap:
 
     @property
     def hello(self) -> Mapping[str, Any]:
-        """What the program is told first."""
+        """The first message to the program."""
         ends = {"fwd": [self.spec.a, self.spec.b], "rev": [self.spec.b, self.spec.a]}
         return {"tap": self.name, **self.terms.model_dump(), **ends}

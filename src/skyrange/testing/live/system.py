@@ -1,0 +1,130 @@
+"""System interface of a live range in virtual time: a virtual clock, memory for sockets, tasks for processes."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+from collections.abc import Coroutine, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from skyrange.io.curve_keys import Keys
+from skyrange.io.mavlink_sockets import Address, OnPiece
+from skyrange.runtime.live import ends
+from skyrange.runtime.live.addresses import Crossing
+from skyrange.runtime.live.control import ControlClient, ControlServer
+from skyrange.runtime.live.ends import Transport
+from skyrange.runtime.live.launch import write_config
+from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.live.passes import Credentials
+from skyrange.runtime.live.process import run_node
+from skyrange.scenario.schema import Scenario
+from skyrange.testing.live.event_loop import VirtualTime
+from skyrange.testing.live.messages import (
+    MemoryControlClient,
+    MemoryControlServer,
+    MessageConnector,
+    MessageListener,
+)
+from skyrange.testing.live.network import SocketEventLoop, VirtualNetwork
+from skyrange.testing.live.processes import VirtualProcess
+
+T = TypeVar("T")
+_PPM = 1_000_000
+
+
+@dataclass(slots=True)
+class VirtualClock:
+    """A machine's monotonic clock in virtual time, which may be ahead and run fast."""
+
+    virtual: VirtualTime
+    ahead_ns: int = 0
+    fast_ppm: int = 0
+
+    def monotonic_ns(self) -> int:
+        """See `runtime.live.clock.Clock`."""
+        now_ns = self.virtual.now_ns
+        return now_ns + self.ahead_ns + now_ns * self.fast_ppm // _PPM
+
+
+@dataclass(slots=True)
+class VirtualSystem:
+    """A `runtime.live.system.System`: one machine of a virtual world, `machine()` makes others.
+
+    Transports over UDP and TCP are those of `runtime.live` on sockets in memory; in the place of ZeroMQ and HTTP
+    messages are handed over whole. Nothing is compiled beforehand, since nothing is late while it is compiled.
+    """
+
+    virtual: VirtualTime = field(default_factory=VirtualTime)
+    network: VirtualNetwork = field(default_factory=VirtualNetwork)
+    address: str = ""
+    """The machine's; "" for the one where the range is started."""
+    clock: VirtualClock = field(default=None)  # type: ignore[assignment]
+    processes: dict[str, list[VirtualProcess]] = field(default_factory=dict)
+    """By the node's name, each start's."""
+    start_s: float = 0.0
+    """How long a process takes to start."""
+
+    def __post_init__(self) -> None:
+        self.clock = self.clock or VirtualClock(self.virtual)
+
+    def machine(self, address: str, *, ahead_ns: int = 0, fast_ppm: int = 0) -> VirtualSystem:
+        """Another machine of the same world, with a clock of its own."""
+        clock = VirtualClock(self.virtual, ahead_ns, fast_ppm)
+        return VirtualSystem(self.virtual, self.network, address, clock, self.processes, self.start_s)
+
+    def process(self, node: str) -> VirtualProcess:
+        """The node's last process."""
+        return self.processes[node][-1]
+
+    def run(self, main: Coroutine[Any, Any, T]) -> T:
+        """See `System`. `DeadlockError` where nothing would ever happen again."""
+        thresholds = gc.get_threshold()
+        try:
+            with asyncio.Runner(loop_factory=lambda: SocketEventLoop(self.virtual, self.network)) as runner:
+                return runner.run(main)
+        finally:
+            gc.set_threshold(*thresholds)  # nodes that set it for themselves do not end in order
+
+    def begin(self, name: str, main: Coroutine[Any, Any, int]) -> VirtualProcess:
+        """Run `main`, whose result is the exit code, as a process of this machine."""
+        process = VirtualProcess(name, self.address)
+        self.processes.setdefault(name, []).append(process)
+        process.start(main)
+        return process
+
+    def check_free(self, crossings: Sequence[Crossing]) -> None:
+        """See `System`; nobody else is here."""
+
+    def control_server(self, keys: Keys) -> ControlServer:
+        """See `System`."""
+        return MemoryControlServer(self.network, keys)
+
+    def control_client(self, name: str, address: Address, keys: Keys) -> ControlClient:
+        """See `System`."""
+        return MemoryControlClient(self.network, name, address, keys)
+
+    async def listen(self, crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
+        """See `System`."""
+        if crossing.transport in ("udp", "tcp"):
+            return await ends.listen(crossing, on_piece, host, credentials)
+        return MessageListener(self.network, on_piece, crossing.transport, crossing.address)
+
+    async def connect(self, crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
+        """See `System`."""
+        if crossing.transport in ("udp", "tcp"):
+            return await ends.connect(crossing, on_piece, host, credentials)
+        return MessageConnector(self.network, on_piece, crossing.transport, crossing.address)
+
+    def start_node(self, root: Path, config: NodeConfig, through: Sequence[str] = ()) -> VirtualProcess:
+        """See `System`; `through` is of no use here."""
+        write_config(root, config)
+        return self.begin(config.name, self._run_node(root, config))
+
+    async def _run_node(self, root: Path, config: NodeConfig) -> int:
+        await asyncio.sleep(self.start_s)
+        return await run_node(config, root, self)
+
+    def warm_up(self, scenario: Scenario, *, rehearse: bool) -> None:
+        """See `System`."""
