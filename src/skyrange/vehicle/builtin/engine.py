@@ -1,8 +1,8 @@
-"""The builtin autopilot as an engine: one for a whole fleet, of any operators.
+"""Engine of the builtin autopilot: one instance for a fleet of any operators.
 
-`begin` takes the tick's sensors and, every 10 ms, the mail; `finish` hands back motor commands and what was said.
-Everything an aircraft does depends on its own row, its own craft and its own mail: a fleet in one engine and the same
-fleet in four say the same bytes.
+`begin` takes the sensors of a tick and, every 10 ms, the inbox; `finish` returns motor commands and outgoing messages.
+Everything that an aircraft does depends on its own row, its own object and its own messages: a fleet in one engine and
+the same fleet in four engines send the same bytes.
 """
 
 from __future__ import annotations
@@ -55,11 +55,13 @@ from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 QUANTUM_S = 0.0025
-"""The first step; later ones are as long as the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
+"""Length of the first step. Later steps are the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
 PHASE_STREAM = "vehicle.boot_phase"
 LINK_ID = 1
-"""In signatures, the number of its telemetry port: channel 0 is USB, which ArduPilot lets anybody command unsigned
-(GCS_Signing.cpp), and which no link of the range is."""
+"""Link id in signatures: the number of its telemetry port.
+
+Channel 0 is USB, which ArduPilot lets anybody command unsigned (GCS_Signing.cpp), and no link of the range is that.
+"""
 
 
 Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
@@ -95,7 +97,7 @@ _FLAGS = tuple(Flag)
 
 
 class BuiltinFleet:
-    """The engine (contract: `agent.contracts.Engine`). Deep copies of it go on alike."""
+    """The engine (contract: `agent.contracts.Engine`). A deep copy continues identically."""
 
     service_ns: Time = SERVICE_NS
     clock: Literal["lockstep", "wall"] = "lockstep"
@@ -103,10 +105,10 @@ class BuiltinFleet:
     preroll_ns: Time = 0
     moves: Sequence[str] = ()
     signs = True
-    """It obeys `VehicleSpec.signing_key`."""
+    """It signs with `VehicleSpec.signing_key`."""
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> None:
-        """Build the fleet, standing disarmed in STABILIZE. Chance only sets when within a second each one reports.
+        """Build the fleet, disarmed in STABILIZE. Chance only sets the phase of each aircraft's reports in a second.
 
         Raises `InputError` for an empty fleet, a system id outside 1…250, an unknown airframe or bad parameters.
         """
@@ -151,7 +153,7 @@ class BuiltinFleet:
         self._last: Time | None = None
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
-        """Take the sensors and the mail of a tick, and act on both; the answer waits for `finish`."""
+        """Process the sensors and the messages of a tick; `finish` returns the result."""
         fleet = self._fleet
         fleet.now = tick
         fleet.outbox = Outbox()
@@ -185,11 +187,11 @@ class BuiltinFleet:
         fleet.rebooted.clear()
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Motor commands (n, 4), and what was said in this tick. Never waits."""
+        """Return motor commands (n, 4) and the messages of this tick. Never waits."""
         return Finished(self._actuators, self._fleet.outbox)
 
     def _receive(self, arrival: Arrival) -> None:
-        """Act on one frame, as ArduPilot's routing lets it through (MAVLink_routing.cpp)."""
+        """Process one frame, by ArduPilot's routing rules (MAVLink_routing.cpp)."""
         fleet = self._fleet
         craft = fleet.crafts[self._places[arrival.port]]
         try:
@@ -200,11 +202,11 @@ class BuiltinFleet:
             return
         partner = (message.get_srcSystem(), message.get_srcComponent())
         if partner == (craft.system_id, COMPONENT):
-            return  # an echo of our own
+            return  # an echo of its own frame
         if _refuses(fleet, craft, message, partner[0]):
             craft.ignored += 1
             return
-        # no other component is on board, so one that is named but unknown is taken as this one
+        # there is no other component on board, so target_component is not checked
         addressee = getattr(message, "target_system", getattr(message, "target", craft.system_id))
         if addressee not in (0, craft.system_id):
             craft.ignored += 1
@@ -216,7 +218,7 @@ class BuiltinFleet:
             pausing.settle(fleet, craft)
 
     def _obey(self, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-        """Hand a message to what acts on it."""
+        """Pass a message to its handler."""
         fleet = self._fleet
         number = message.get_msgId()
         handler = _HANDLERS.get(number)
@@ -230,7 +232,7 @@ class BuiltinFleet:
             streams.on_request(fleet, self._schedule, craft, message)
 
     def _act_on_flags(self) -> None:
-        """Let modes and missions know what the loop has seen."""
+        """Report the events of the loop to modes and missions."""
         fleet = self._fleet
         flight = fleet.flight
         for row in np.flatnonzero(flight["flags"] & ~flight["seen"]).tolist():
@@ -245,7 +247,7 @@ class BuiltinFleet:
         fleet = self._fleet
         if fleet.next_timer > now:
             return
-        fleet.next_timer = NEVER  # what is set meanwhile counts; of the rest the soonest is found below
+        fleet.next_timer = NEVER  # handlers may set timers meanwhile; the earliest of the rest is found below
         for row, column in np.argwhere(fleet.timers <= now).tolist():
             craft = fleet.crafts[row]
             if fleet.timers[row, column] <= now:  # an earlier one may have cleared it
@@ -259,7 +261,7 @@ class BuiltinFleet:
 
 
 def _refuses(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
-    """Whether SYSID_ENFORCE keeps this sender out (`accept_packet`): all but its own components and ground station."""
+    """Whether SYSID_ENFORCE rejects this sender (`accept_packet`): only its own components and ground station pass."""
     if fleet.param(craft, "SYSID_ENFORCE") == 0.0 or message.get_msgId() in _RADIO:
         return False
     return system not in (craft.system_id, int(fleet.param(craft, "SYSID_MYGCS")))
@@ -301,7 +303,7 @@ def _on_landed(fleet: Fleet, craft: Craft) -> None:
 def _on_idle(fleet: Fleet, craft: Craft) -> None:
     if not (fleet.armed(craft) and fleet.landed(craft)):
         return
-    if sticks_in.throttle(fleet, craft) > 0.0:  # a raised throttle puts it off (auto_disarm_check)
+    if sticks_in.throttle(fleet, craft) > 0.0:  # a raised throttle postpones it (auto_disarm_check)
         fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
     else:
         disarm(fleet, craft, "disarm_delay", ())

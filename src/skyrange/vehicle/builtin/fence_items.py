@@ -1,7 +1,7 @@
-"""How does a fence get in and out by the mission protocol? Its items, their checks, and the zones that they make.
+"""Fence items of the mission protocol: their conversion, their validation, and the zones made from them.
 
 After libraries/GCS_MAVLink/MissionItemProtocol_Fence.cpp and AC_PolyFence_loader.cpp `validate_fence`, `write_fence`. A
-fence is taken as a whole or not at all.
+fence is accepted as a whole or not at all.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _RETURN = dialect.MAV_CMD_NAV_FENCE_RETURN_POINT
 _ZONE_OF = {_VERTEX_IN: POLYGON_IN, _VERTEX_OUT: POLYGON_OUT, _ROUND_IN: CIRCLE_IN, _ROUND_OUT: CIRCLE_OUT}
 _POLYGONS = (_VERTEX_IN, _VERTEX_OUT)
 _CIRCLES = (_ROUND_IN, _ROUND_OUT)
-# AC_PolyFence_loader.h AC_PolyFenceType, as its texts count them
+# AC_PolyFence_loader.h AC_PolyFenceType, as its texts number them
 _TYPE_NUMBER = {_VERTEX_IN: 98, _VERTEX_OUT: 97, _ROUND_OUT: 93, _RETURN: 95, _ROUND_IN: 92}
 _FRAMES = frozenset(
     (
@@ -44,7 +44,7 @@ _BYTES = 560
 
 
 def _slot(message: Any, causes: Causes) -> tuple[int, Slot | None]:
-    """(MAV_MISSION_RESULT, slot) of one item (`convert_MISSION_ITEM_INT_to_AC_PolyFenceItem`)."""
+    """Return (MAV_MISSION_RESULT, item) of one message (`convert_MISSION_ITEM_INT_to_AC_PolyFenceItem`)."""
     if message.frame not in _FRAMES:
         return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME), None
     if message.command not in _TYPE_NUMBER:
@@ -53,7 +53,7 @@ def _slot(message: Any, causes: Causes) -> tuple[int, Slot | None]:
     if message.command in _POLYGONS:
         if value > _VERTICES_MAX:
             return int(dialect.MAV_MISSION_INVALID_PARAM1), None
-        value = float(int(value)) if value >= 0.0 else 0.0  # a count; what is no number is none
+        value = float(int(value)) if value >= 0.0 else 0.0  # a count; a value that is not a number counts as 0
     elif message.command == _RETURN:
         value = 0.0
     x, y = lat_lon_e7(message)
@@ -74,7 +74,7 @@ def _put(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
 
 
 def _fault(items: list[Slot]) -> str:
-    """Why the items make no fence, in ArduPilot's words, or "" (`validate_fence`)."""
+    """Return why the items make no valid fence, in ArduPilot's words, or "" (`validate_fence`)."""
     left, of, kind, returns = 0, 0, 0, 0
     for item in items:
         if item.command in _POLYGONS:
@@ -102,7 +102,7 @@ def _fault(items: list[Slot]) -> str:
 
 
 def _space(items: list[Slot]) -> int:
-    """Bytes that a valid fence takes (`fence_storage_space_required`)."""
+    """Return the bytes that a valid fence takes (`fence_storage_space_required`)."""
     need, place = 4, 0
     while place < len(items):
         item = items[place]

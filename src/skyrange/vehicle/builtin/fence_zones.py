@@ -1,7 +1,7 @@
-"""Is a place inside the fence's polygons and circles, and how far from their edges? One aircraft's zones as a record.
+"""Fence zones: whether a place is inside the polygons and circles of a fence, and its distance from their edges.
 
 After libraries/AC_Fence/AC_PolyFence_loader.cpp `breached` and libraries/AP_Math/polygon.cpp, in metres of the local
-frame where ArduPilot tests whole degrees × 10⁻⁷.
+frame where ArduPilot uses integer degrees × 10⁻⁷.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ CIRCLE_OUT: Final = 4
 
 ZONES: Final = np.dtype(
     [
-        ("count", "i8"),  # zones
-        ("tightest", "f8"),  # m, radius of the smallest circle to stay in; 0 none
-        ("kind", "i8", (MAX_ITEMS,)),  # by zone: one of the kinds above
-        ("first", "i8", (MAX_ITEMS,)),  # its first point
-        ("size", "i8", (MAX_ITEMS,)),  # and how many
+        ("count", "i8"),  # number of zones
+        ("tightest", "f8"),  # m, radius of the smallest inclusion circle; 0 none
+        ("kind", "i8", (MAX_ITEMS,)),  # per zone: one of the constants above
+        ("first", "i8", (MAX_ITEMS,)),  # index of its first point
+        ("size", "i8", (MAX_ITEMS,)),  # number of its points
         ("radius", "f8", (MAX_ITEMS,)),  # m, of circles
         ("point", "f8", (MAX_ITEMS, 2)),  # east, north, m
     ]
@@ -58,7 +58,7 @@ def _in_polygon(z: Any, first: int, size: int, east: float, north: float) -> boo
 
 @kernel
 def _to_edge(z: Any, first: int, size: int, east: float, north: float) -> float:
-    """The distance to the nearest edge, m (`Polygon_closest_distance_point`)."""
+    """Return the distance to the nearest edge, m (`Polygon_closest_distance_point`)."""
     least = 1e30
     for k in range(size):
         a = first + k
@@ -79,10 +79,10 @@ def _to_edge(z: Any, first: int, size: int, east: float, north: float) -> float:
 
 @kernel
 def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float]:
-    """Whether a place breaches the zones, and how far outside it is, m; negative inside.
+    """Return whether a place breaches the zones, and how far outside it is, m; negative inside.
 
-    It must be inside all inclusion zones (with `union`, inside any) and outside all exclusion zones. The distance is
-    taken as ArduPilot takes it: the first exclusion polygon that is entered ends the search.
+    A place must be inside all inclusion zones (with `union`, inside any of them) and outside all exclusion zones. As in
+    ArduPilot, the search for the distance ends at the first exclusion polygon that is entered.
     """
     if z.count == 0:
         return False, 0.0

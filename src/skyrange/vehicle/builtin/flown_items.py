@@ -1,4 +1,4 @@
-"""How is each navigation item of a mission flown? What it asks for when it starts, and what ends it.
+"""Navigation commands of a mission: how each one starts, and what completes it.
 
 After ArduCopter/mode_auto.cpp (`do_…`, `verify_…`, `set_next_wp`, `loc_from_cmd`).
 """
@@ -29,7 +29,7 @@ from skyrange.vehicle.builtin.mission_kinds import (
 )
 
 _JOINED = frozenset((WAYPOINT, UNLIM, TIME))
-"""Items that a leg goes on to without a stop (set_next_wp)."""
+"""Commands that a leg continues to without a stop (set_next_wp)."""
 _LOOK_NS = 20 * NS_PER_MS
 _NEAR_EDGE_M = 3.0  # circle_movetoedge_start
 _INSIDE_M = 5.0
@@ -38,7 +38,7 @@ Vector = tuple[float, float, float]
 
 
 def goal_of(fleet: Fleet, craft: Craft, slot: Slot, default: Vector) -> Vector:
-    """Where an item lies, ENU metres; latitude and longitude both 0, or altitude 0, mean `default`'s."""
+    """Return a command's place, ENU metres; latitude and longitude both 0, or altitude 0, mean those of `default`."""
     east, north, up = default
     if slot.x != 0 or slot.y != 0:
         east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
@@ -52,7 +52,7 @@ def _terrain(slot: Slot) -> bool:
 
 
 def _from(fleet: Fleet, craft: Craft) -> Vector:
-    """What an item without a position means: the destination reached, or where it is."""
+    """Return the place that a command without one means: the destination reached, or the present position."""
     row = craft.row
     if fleet.control(craft) == Control.LEG and fleet.legs["reached"][row]:
         east, north, up = fleet.legs["goal"][row].tolist()
@@ -61,9 +61,9 @@ def _from(fleet: Fleet, craft: Craft) -> Vector:
 
 
 def begin(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> bool:
-    """Start an item; `False` where it is over at once. `after` and `then` are the navigation items behind it.
+    """Start a command; `False` where it is complete at once. `after` and `then` are the navigation commands behind it.
 
-    On the ground only a take-off moves the craft, and only when it is ready; other items wait.
+    On the ground only a take-off moves the aircraft, and only once `auto_armed`; other commands wait.
     """
     command = slot.command
     landed = fleet.landed(craft)
@@ -78,7 +78,7 @@ def begin(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot
         _delay(fleet, craft, slot)
         return True
     if landed:
-        return command not in (RTL, LAND)  # as ArduPilot's verify_land and RTL::run: already there
+        return command not in (RTL, LAND)  # complete at once, as in ArduPilot's verify_land and RTL::run
     if command in (WAYPOINT, UNLIM, TIME, TO_ALT):
         goal = goal_of(fleet, craft, slot, _from(fleet, craft))
         _fly_to(fleet, craft, goal)
@@ -110,7 +110,7 @@ def _fly_to(fleet: Fleet, craft: Craft, goal: Vector) -> None:
 
 
 def _join(fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | None, then: Slot | None) -> None:
-    """Go on to the item behind without a stop, where neither a wait nor another datum is between (set_next_wp)."""
+    """Continue to the next command without a stop, unless a wait or another datum lies between (set_next_wp)."""
     if slot.param1 > 0.0 or after is None:
         return
     if after.command in _JOINED and _terrain(after) == _terrain(slot):
@@ -122,7 +122,7 @@ def _join(fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | No
 
 
 def _bend(fleet: Fleet, craft: Craft, slot: Slot, default: Vector, after: Slot | None) -> tuple[Vector, Vector, bool]:
-    """(goal, where the way goes on to, whether on a curve) of a spline item (get_spline_from_cmd)."""
+    """Return (destination, the point that follows, whether on a curve) of a spline command (get_spline_from_cmd)."""
     goal = goal_of(fleet, craft, slot, default)
     if slot.param1 == 0.0 and after is not None and _terrain(after) == _terrain(slot):
         return goal, goal_of(fleet, craft, after, goal), after.command == SPLINE
@@ -140,7 +140,7 @@ def _curve(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slo
 
 
 def _circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
-    """Fly to the circle's edge, then round (do_circle, circle_movetoedge_start)."""
+    """Fly to the edge of the circle, then around it (do_circle, circle_movetoedge_start)."""
     row, flight = craft.row, fleet.flight
     here = fleet.position(craft)
     centre = goal_of(fleet, craft, slot, here)
@@ -156,7 +156,7 @@ def _circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
     else:
         yaw = float(fleet.estimate["yaw"][row])
         east, north = centre[0] - radius * math.cos(yaw), centre[1] - radius * math.sin(yaw)
-    if away <= _NEAR_EDGE_M:  # ArduPilot takes the distance to the centre for that to the edge
+    if away <= _NEAR_EDGE_M:  # ArduPilot uses the distance to the centre here, not to the edge
         _go_round(fleet, craft)
         return
     craft.stage = Stage.TRANSIT
@@ -191,7 +191,7 @@ def _go_round(fleet: Fleet, craft: Craft) -> None:
 
 
 def _delay(fleet: Fleet, craft: Craft, slot: Slot) -> None:
-    """Wait where it is, in the air or on the ground: some seconds, or until a time of day (do_nav_delay)."""
+    """Wait in place, in the air or on the ground: for some seconds, or until a time of day (do_nav_delay)."""
     wait_s = slot.param1 if slot.param1 > 0.0 else do_items.clock_wait_s(fleet, slot.param2, slot.param3, slot.param4)
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Delaying {int(wait_s)} sec")
     fleet.timer(craft, Timer.HOLD, fleet.now + min(from_seconds(min(wait_s, 1e8)), do_items.WAIT_MAX_NS))
@@ -205,7 +205,7 @@ def _land_here(fleet: Fleet, craft: Craft) -> None:
 
 
 def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
-    """The loop reports something while an item is flown: whether that ends the item."""
+    """Process an event of the loop while a command is flown; whether it completes the command."""
     command = slot.command
     if flag is Flag.CLIMBED:
         return bool(command == TAKEOFF)
@@ -229,7 +229,7 @@ def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
 
 
 def waited(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
-    """A timer of the item has run out: whether that ends it."""
+    """Process the expiry of the command's timer; whether it completes the command."""
     row, flight = craft.row, fleet.flight
     if slot.command == RTL:
         returning.waited(fleet, craft)

@@ -1,8 +1,9 @@
-"""Where should each aircraft be right now? References by control mode, and what has been achieved.
+"""Reference of position control: how it moves in each control mode, and the events that this raises.
 
-Legs are `wpnav`'s, sticks `sticks`'. Everything else is ArduPilot's input shaping (AC_PosControl `input_pos_NEU_m`,
-`input_vel_accel_NE_m`, `input_pos_vel_accel_NE_m`, `input_accel_NE_m`). Take-off is ArduCopter/takeoff.cpp
-`_AutoTakeoff::run`, landing mode.cpp `land_run_vertical_control`, the circle libraries/AC_WPNav/AC_Circle.cpp.
+Legs are in `guidance.wpnav`, sticks in `pilot.input`. The rest is ArduPilot's input shaping (AC_PosControl
+`input_pos_NEU_m`, `input_vel_accel_NE_m`, `input_pos_vel_accel_NE_m`, `input_accel_NE_m`). Take-off is
+ArduCopter/takeoff.cpp `_AutoTakeoff::run`, landing mode.cpp `land_run_vertical_control`, the circle
+libraries/AC_WPNav/AC_Circle.cpp.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _TURN_ACCEL_MIN = math.radians(2.0)  # AC_CIRCLE_ANGULAR_ACCEL_MIN
 
 @kernel
 def _advance_level(e: Any, f: Any, dt_s: float) -> None:
-    """Move the reference over the ground; no farther away with the lean at its limit (`update_pos_vel_accel_xy`)."""
+    """Move the reference horizontally, but not farther away at the lean limit (`update_pos_vel_accel_xy`)."""
     d_e = f.ref_vel[0] * dt_s + 0.5 * f.ref_acc[0] * dt_s * dt_s
     d_n = f.ref_vel[1] * dt_s + 0.5 * f.ref_acc[1] * dt_s * dt_s
     limited = f.limit[0] != 0.0 or f.limit[1] != 0.0
@@ -67,7 +68,7 @@ def _advance_level(e: Any, f: Any, dt_s: float) -> None:
 
 @kernel
 def _advance_up(e: Any, f: Any, dt_s: float) -> None:
-    """The same for height, while thrust is at its least or its most."""
+    """Move the reference vertically, but not farther away at the limits of thrust (`update_pos_vel_accel`)."""
     limit = 1.0 if f.throttle_full == 1 else (-1.0 if f.throttle <= 0.0 else 0.0)
     d_u = f.ref_vel[2] * dt_s + 0.5 * f.ref_acc[2] * dt_s * dt_s
     if not (d_u * limit > 0.0 and (f.ref_pos[2] - e.pos[2]) * limit > 0.0):
@@ -80,7 +81,7 @@ def _advance_up(e: Any, f: Any, dt_s: float) -> None:
 
 @kernel
 def _level(e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, acc_n: float, dt_s: float) -> None:
-    """Shape the reference's horizontal velocity towards a wanted one (`input_vel_accel_NE_m`)."""
+    """Shape the reference's horizontal velocity towards a target (`input_vel_accel_NE_m`)."""
     _advance_level(e, f, dt_s)
     f.ref_acc[0], f.ref_acc[1] = shape_velocity_xy(
         want_e, want_n, acc_e, acc_n, f.ref_vel[0], f.ref_vel[1], f.ref_acc[0], f.ref_acc[1],
@@ -90,14 +91,14 @@ def _level(e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, a
 
 @kernel
 def _up(e: Any, f: Any, p: Any, want: float, acc: float, dt_s: float) -> None:
-    """The same for height (`input_vel_accel_U_m`)."""
+    """Shape the reference's vertical velocity towards a target (`input_vel_accel_U_m`)."""
     _advance_up(e, f, dt_s)
     f.ref_acc[2] = shape_velocity(want, acc, f.ref_vel[2], f.ref_acc[2], f.accel_z, p.PSC_JERK_Z, dt_s)
 
 
 @kernel
 def _place(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Shape the reference's place over the ground towards the target's (`input_pos_vel_accel_NE_m`)."""
+    """Shape the reference's horizontal position towards the target's (`input_pos_vel_accel_NE_m`)."""
     d_e = f.target_pos[0] - f.ref_pos[0]
     d_n = f.target_pos[1] - f.ref_pos[1]
     away = math.sqrt(d_e * d_e + d_n * d_n)
@@ -118,7 +119,7 @@ def _height(e: Any, f: Any, p: Any, dt_s: float) -> None:
 
 @kernel
 def _straight(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Shape the reference towards a place that stands still, on a straight line (`input_pos_NEU_m`)."""
+    """Shape the reference towards a fixed position, on a straight line (`input_pos_NEU_m`)."""
     d_e = f.target_pos[0] - f.ref_pos[0]
     d_n = f.target_pos[1] - f.ref_pos[1]
     d_u = f.target_pos[2] - f.ref_pos[2]
@@ -135,7 +136,7 @@ def _straight(e: Any, f: Any, p: Any, dt_s: float) -> None:
 
 @kernel
 def _land_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
-    """How fast to descend here, m/s (negative): quick down to LAND_ALT_LOW, then LAND_SPEED."""
+    """Return the climb rate of a landing, m/s (negative): fast down to LAND_ALT_LOW, then LAND_SPEED."""
     slow = p.LAND_SPEED * 0.01
     quick = p.LAND_SPEED_HIGH * 0.01 if p.LAND_SPEED_HIGH > 0.0 else f.speed_down
     rate = sqrt_controller(p.LAND_ALT_LOW * 0.01 - e.height, p.PSC_POSZ_P, f.accel_z, dt_s)
@@ -144,7 +145,7 @@ def _land_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
 
 @kernel
 def _circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Move the target round the circle (AC_Circle::update_cms), no faster than half the acceleration allows."""
+    """Move the target around the circle (AC_Circle::update_cms), no faster than half the acceleration allows."""
     radius = f.circle_radius
     if radius > 0.0:
         fast = min(f.speed_xy, math.sqrt(0.5 * f.accel_xy * radius)) / radius
@@ -164,19 +165,19 @@ def _circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
 
 @kernel
 def _altitude(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Hold the place and go to the target's height; raise LEVELLED there, or past it (loiter_to_alt_run)."""
+    """Hold the position and go to the height of the target; raise ALTITUDE_REACHED there (loiter_to_alt_run)."""
     error = e.pos[2] - f.target_pos[2]
     _level(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
     want = sqrt_controller(-error, p.PSC_POSZ_P, f.accel_z, dt_s)
     _up(e, f, p, clamp(want, -f.speed_down, f.speed_up), 0.0, dt_s)
     if abs(error) < _LEVEL_M or error * f.target_vel[2] < 0.0:
         f.flags |= _LEVELLED
-    f.target_vel[2] = error  # only its sign is looked at, in the next step
+    f.target_vel[2] = error  # only its sign is used, in the next step
 
 
 @kernel
 def _drift(e: Any, f: Any) -> None:
-    """Without a position to hold, the reference goes where the aircraft is believed to go."""
+    """Let the reference follow the estimate where there is no position to hold."""
     for axis in range(2):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
@@ -185,7 +186,7 @@ def _drift(e: Any, f: Any) -> None:
 
 @kernel
 def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
-    """Move the reference of one flying aircraft by one step, according to its control."""
+    """Move the reference of one flying aircraft by one step, according to its control mode."""
     control = f.control
     if control == _LEG:
         wpnav.follow(e, f, w, p, dt_s)

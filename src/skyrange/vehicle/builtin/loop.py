@@ -1,7 +1,7 @@
-"""What happens in one turn of the main loop, for every aircraft? Guide, control, detect landing.
+"""Main loop: one pass of guidance, control and landing detection for every aircraft.
 
-One kernel over all rows, `turn`, after the estimator has said where each aircraft believes to be. Attitude and thrust
-are controlled in each turn; guidance, position control and the landing detector run every `gains.SLOW_S`.
+The compiled function `run_loop` passes over all rows after the estimator has updated each aircraft's state. It controls
+attitude and thrust in each pass; guidance, position control and the landing detector run every `gains.SLOW_LOOP_S`.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ _RELAX_TC_S = 0.16  # AC_PosControl.cpp POSCONTROL_RELAX_TC
 _CRASH_S = 2.0
 _CRASH_ACCEL_MPS2 = 3.0
 _CRASH_SPEED_MPS = 10.0
-_EARLY_S = 1e-9  # what rounding may take off a sum of steps
+_EARLY_S = 1e-9  # rounding error of a sum of steps
 
 
 @kernel
 def take_reference(e: Any, f: Any) -> None:
-    """Put the reference where the aircraft is, moving and pointing as it does."""
+    """Set the reference and the attitude target to the aircraft's estimated state."""
     for axis in range(3):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
@@ -63,7 +63,7 @@ def take_reference(e: Any, f: Any) -> None:
 
 @kernel
 def _spool(e: Any, f: Any, p: Any, out: Any, i: int, dt_s: float) -> bool:
-    """Bring the motors from ground idle to their range (AP_MotorsMulticopter::output_logic); whether they are there."""
+    """Spool the motors up from ground idle (AP_MotorsMulticopter::output_logic); whether they have spooled up."""
     take_reference(e, f)
     relax(f)
     if f.spool >= 1.0:
@@ -82,7 +82,7 @@ def _spin(out: Any, i: int, command: float) -> None:
 
 @kernel
 def _idle(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
-    """Towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
+    """Move towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
     step = dt_s / p.MOT_SPOOL_TIME
     armed = min(p.MOT_SPIN_ARM / p.MOT_SPIN_MIN, 1.0) if p.MOT_SPIN_MIN > 0.0 else 0.0
     f.spool = min(max(armed, f.spool - step), f.spool + step)
@@ -91,7 +91,7 @@ def _idle(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
 
 @kernel
 def _stand(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
-    """Stay level at a given throttle on the ground, before lift-off."""
+    """Hold level at a given throttle on the ground, before lift-off."""
     f.throttle = throttle
     f.att_rate[0] = 0.0
     f.att_rate[1] = 0.0
@@ -128,7 +128,7 @@ def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None
 
 @kernel
 def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
-    """On the ground in a pilot's mode: motors idle until the throttle is raised."""
+    """Keep the motors idle on the ground in a pilot's mode until the throttle is raised."""
     if f.control == _STABILIZE:
         if sticks.throttle_zero(f, dt_s):
             f.throttle = 0.0
@@ -148,10 +148,10 @@ def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: floa
 
 @kernel
 def _soften(e: Any, f: Any, dt_s: float) -> None:
-    """Stop asking for a lean against wind and position error (AC_PosControl `soften_for_landing_NE`).
+    """Release the lean that opposes wind and position error (AC_PosControl `soften_for_landing_NE`).
 
-    ArduCopter waits for its landing criteria to be met once, and only stops the integral: in a wind that takes more
-    lean than they allow it would stand with turning motors for ever.
+    ArduCopter does so only once its landing criteria have been met, and only stops the integral. In a wind that takes
+    more lean than these criteria allow, it would stand with turning motors for ever.
     """
     part = dt_s / (dt_s + _RELAX_TC_S)
     for axis in range(2):
@@ -161,7 +161,10 @@ def _soften(e: Any, f: Any, dt_s: float) -> None:
 
 @kernel
 def _touch(e: Any, f: Any, dt_s: float) -> None:
-    """Landed: least throttle, still and level for a second. Crashed: two seconds far from the wanted attitude."""
+    """Update the landing and crash detectors.
+
+    Landed: minimum throttle, at rest and level for a second. Crashed: two seconds far from the target attitude.
+    """
     f.tilt_target = attitude.whole_angle(0.5 - 0.5 * f.tilt_cos)
     f.tilt_error = attitude.whole_angle(f.tilt_half2)
     part = dt_s / (dt_s + _LAND_FILTER_S)
@@ -169,7 +172,7 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
     for axis in range(3):
         f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * part
         size += f.land_accel[axis] * f.land_accel[axis]
-    pressed = (  # with no thrust and no acceleration, only the ground can hold it
+    pressed = (  # without thrust and acceleration, only the ground can carry it
         f.throttle <= 0.0
         and size <= _LAND_ACCEL_MPS2 * _LAND_ACCEL_MPS2
         and abs(e.vel[2]) < _LAND_CLIMB_MPS
@@ -197,7 +200,7 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
 
 @kernel
 def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
-    """The slow part of control: reference, position and height, and what attitude they ask for."""
+    """Run the slow part of control: reference, position and height controllers, and the attitude that they request."""
     control = f.control
     guide(e, f, w, p, dt_s)
     if control != _STABILIZE:
@@ -207,7 +210,7 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
         forward, left = sticks.lean(e, f, most, most)
         acc_e, acc_n = sticks.to_local(e, forward, left)
         attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
-        for axis in range(2):  # no place is held: where it comes back to holding one, it starts from here
+        for axis in range(2):  # no position is held; holding one again starts from here
             f.ref_pos[axis] = e.pos[axis]
             f.ref_vel[axis] = e.vel[axis]
         return
@@ -232,7 +235,7 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
         attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
         return
     turning, yaw, yaw_rate = turn_nose(e, f, dt_s)
-    if f.sticks[2] != 0.0:  # a pilot may always turn the nose (AutoYaw::get_heading)
+    if f.sticks[2] != 0.0:  # the yaw stick overrides the yaw mode (AutoYaw::get_heading)
         f.heading = _HOLD
         turning = True
         yaw_rate = sticks.yaw_rate(f, p)
@@ -250,9 +253,9 @@ def turn(
     out: Floats,
     dt_s: float,
 ) -> int:
-    """One step for every row: writes `out`, (n, motors) commands 0…1; returns how many rows raised a flag newly.
+    """Run one pass for every row and write `out`, (n, motors) commands 0…1; return how many rows raised a new event.
 
-    `which` (n,) is each row's set of parameters in `tuned` and `settings`, one row per distinct set.
+    `which` (n,) is the row of `tuned` and `settings` that holds each aircraft's gains and parameters.
     """
     flagged = 0
     for i in range(flight.shape[0]):
@@ -311,7 +314,7 @@ def turn(
 
 @kernel
 def rest(flight: Records, row: int) -> None:
-    """Clear one row's controllers before it leaves the ground."""
+    """Reset one row's controllers before take-off."""
     f: Any = flight[row]
     relax(f)
     f.throttle_i = 0.0
@@ -321,7 +324,7 @@ def rest(flight: Records, row: int) -> None:
 
 @kernel
 def hold(estimate: Records, flight: Records, row: int) -> None:
-    """Put one row's reference where it is (AC_PosControl::init_NE_controller, init_U_controller)."""
+    """Set one row's reference to its estimated state (AC_PosControl::init_NE_controller, init_U_controller)."""
     e: Any = estimate[row]
     f: Any = flight[row]
     for axis in range(3):
@@ -335,5 +338,5 @@ def hold(estimate: Records, flight: Records, row: int) -> None:
 
 @kernel
 def loiter(estimate: Records, flight: Records, row: int) -> None:
-    """Begin LOITER for one row."""
+    """Start LOITER for one row."""
     sticks.begin_loiter(estimate[row], flight[row])

@@ -1,13 +1,13 @@
-"""Which parameters are there? ArduCopter's names, units and defaults, and what an aircraft holds of them.
+"""Parameter table: ArduCopter's names, units, ranges and defaults, and the values that an aircraft holds.
 
-Only parameters that act are listed. Names and units are those of ArduCopter 4.6 (centimetres where it
-has centimetres); defaults are from its sources: libraries/AC_AttitudeControl (AC_PosControl.cpp,
-AC_AttitudeControl_Multi.h), libraries/AC_WPNav/AC_WPNav.cpp, libraries/AP_Motors, ArduCopter/config.h.
-`parameter_names` knows the names of other versions.
+Only parameters with an effect are listed. Names and units are those of ArduCopter 4.6 (centimetres where it has
+centimetres); defaults are from its sources: libraries/AC_AttitudeControl (AC_PosControl.cpp,
+AC_AttitudeControl_Multi.h), libraries/AC_WPNav/AC_WPNav.cpp, libraries/AP_Motors, ArduCopter/config.h. The names of
+other versions are in `parameters.renames`.
 
-An aircraft's parameters are kept twice. `Fleet.stored` is what was written, as ArduCopter's storage
-keeps it: any number that the type holds. What flies is that number moved into the range, so that no value
-can make the arithmetic fail: in the record `SETTINGS` for kernels, by `Fleet.param` for the rest.
+An aircraft's parameters are kept twice. `Fleet.stored_params` has the values as written, as ArduCopter's storage does:
+any number of the type. In effect is that number limited to its range, so that no value can make the arithmetic fail: in
+the record `SETTINGS` for compiled functions, through `Fleet.param` for the rest.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ _INT32 = dialect.MAV_PARAM_TYPE_INT32
 
 
 class Parameter(NamedTuple):
-    """One parameter: default and range in ArduCopter's unit, which `meaning` names; `kind` a MAV_PARAM_TYPE.
+    """One parameter: default and range in ArduCopter's unit, which `meaning` names; `kind` is a MAV_PARAM_TYPE.
 
-    `reboot` says that a new value acts from the next boot on, as ArduCopter's metadata has it (@RebootRequired).
+    `reboot` means that a new value takes effect at the next boot, as in ArduCopter's metadata (@RebootRequired).
     """
 
     name: str
@@ -47,7 +47,7 @@ class Parameter(NamedTuple):
 
 
 def stream_rates(prefix: str) -> tuple[Parameter, ...]:
-    """The rates at boot of one telemetry channel (GCS_MAVLink_Parameters.cpp)."""
+    """Return the stream rate parameters of one telemetry channel (GCS_MAVLink_Parameters.cpp)."""
     return tuple(
         Parameter(prefix + name, 0, 0, 50, f"boot rate of {what}, Hz", _INT16, True) for name, what in _STREAMS.items()
     )
@@ -273,16 +273,16 @@ PARAMETERS: Final = tuple(
         )
     )
 )
-"""Every parameter, by name: the index in this table is the protocol's index."""
+"""Every parameter, by name. The position in this table is the index of the protocol."""
 
 INDEX: Final = {parameter.name: index for index, parameter in enumerate(PARAMETERS)}
 LOW: Final = np.array([parameter.low for parameter in PARAMETERS], dtype=np.float64)
 HIGH: Final = np.array([parameter.high for parameter in PARAMETERS], dtype=np.float64)
 
 _HOT = ("ANGLE_MAX", "ATC_", "LAND_", "LOIT_", "MOT_", "PILOT_", "PSC_", "TKOFF_", "WP")
-"""What kernels read at every step: first in the record and side by side, so that the rest costs no cache lines."""
+"""Parameters read in every step come first in the record and side by side, so that the rest costs no cache lines."""
 _AT_MESSAGES = ("SR0_", "SYSID_")
-"""What only messages ask for: not in the record at all."""
+"""Parameters that only messages read are not in the record."""
 
 
 def _in_kernels() -> tuple[str, ...]:
@@ -292,24 +292,24 @@ def _in_kernels() -> tuple[str, ...]:
 
 IN_KERNELS: Final = _in_kernels()
 SETTINGS: Final = np.dtype([(name, "f8") for name in IN_KERNELS])
-"""One aircraft's parameters as a record, for the kernels: held inside their ranges."""
+"""The parameters of one aircraft as a record, limited to their ranges."""
 
 TUNING: Final[Mapping[str, Mapping[str, float]]] = {
     # The Iris has a quarter of the yaw authority that ArduCopter's defaults are meant for (4 rad/s² at full
-    # yaw): the rate loop is closed tighter and asked for less, as a tuned aircraft's parameter file would.
+    # yaw): the rate loop has higher gains and lower targets, as in a tuned aircraft's parameter file.
     "iris": {"ATC_RAT_YAW_P": 1.5, "ATC_RAT_YAW_I": 0.15, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 6000},
-    # Full yaw turns these two at 16 and 6.8 rad/s²: the rate loop closed at about 6 rad/s, as the Iris's.
+    # Full yaw gives these two 16 and 6.8 rad/s²: the rate loop has a bandwidth of about 6 rad/s, like the Iris's.
     "hummingbird": {"ATC_RAT_YAW_P": 0.4, "ATC_RAT_YAW_I": 0.04, "ATC_RAT_YAW_FLTE": 20},
     "x500": {"ATC_RAT_YAW_P": 0.9, "ATC_RAT_YAW_I": 0.09, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 10000},
 }
-"""What differs from the defaults by airframe."""
+"""Values that differ from the defaults, by airframe."""
 
 
 _LIMITS: Final = {_INT8: (-128.0, 127.0), _INT16: (-32768.0, 32767.0), _INT32: (-2147483648.0, 2147483647.0)}
 
 
 def stored(parameter: Parameter, value: float) -> float:
-    """A finite value as ArduPilot stores it (AP_Param::set_float): a single float, or cut to the whole type."""
+    """Return a finite value as ArduPilot stores it (AP_Param::set_float): single precision, or a truncated integer."""
     limits = _LIMITS.get(parameter.kind)
     if limits is None:
         return float(np.float32(min(max(value, -_MOST), _MOST)))
@@ -321,9 +321,9 @@ _MOST = float(np.finfo(np.float32).max)
 
 
 def hover_throttle(airframe: Airframe) -> float:
-    """MOT_THST_HOVER: what to ask for so that the command carries the weight, at the battery's rated voltage.
+    """Return MOT_THST_HOVER: the thrust whose command carries the weight, at the battery's rated voltage.
 
-    It is less than the share of full thrust, for no thrust is MOT_SPIN_MIN and full thrust MOT_SPIN_MAX
+    It is less than the share of full thrust, because zero thrust is MOT_SPIN_MIN and full thrust MOT_SPIN_MAX
     (`Thrust_Linearization::actuator_to_thrust`, with the defaults).
     """
     low, high = (PARAMETERS[INDEX[name]].default for name in ("MOT_SPIN_MIN", "MOT_SPIN_MAX"))
@@ -332,12 +332,12 @@ def hover_throttle(airframe: Airframe) -> float:
 
 
 def held(parameter: Parameter, value: float) -> float:
-    """The value that acts: inside the range."""
+    """Return the value that takes effect: `value` limited to the range."""
     return min(max(value, parameter.low), parameter.high)
 
 
 def start_values(who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]) -> NDArray[np.float64]:
-    """(parameters,) stored at the start: defaults, the airframe's tuning, then `given`, under names of any version.
+    """Return (parameters,) initial values: defaults, the airframe's tuning, then `given`, with names of any version.
 
     Raises `InputError` with every unknown name and every value that is not finite or out of range.
     """
@@ -372,14 +372,14 @@ def start_values(who: str, airframe: Airframe, system_id: int, given: Mapping[st
 def fill(
     settings: Records, row: int, who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]
 ) -> NDArray[np.float64]:
-    """Set a kernel record to what `start_values` gives, which is returned; errors as there."""
+    """Write the result of `initial_values` to a settings record and return it; raises as that does."""
     values = start_values(who, airframe, system_id, given)
     settle(settings, row, values)
     return values
 
 
 def settle(settings: Records, row: int, values: NDArray[np.float64]) -> None:
-    """Set a kernel record to stored values."""
+    """Write stored values to a settings record."""
     acting = np.clip(values, LOW, HIGH)
     for name in IN_KERNELS:
         settings[name][row] = acting[INDEX[name]]

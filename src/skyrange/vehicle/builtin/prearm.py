@@ -1,9 +1,9 @@
-"""What must be so before the motors may be armed? A table of checks, for one that asks and for all once a second.
+"""Pre-arm checks: one table, run for an aircraft that is to be armed and for all disarmed ones once a second.
 
 After libraries/AP_Arming/AP_Arming.cpp (`update`, `pre_arm_checks`, `check_failed`) and ArduCopter/AP_Arming_Copter.cpp
-(`run_pre_arm_checks`, `mandatory_checks`). There is no radio, logger, airspeed sensor or safety switch here to check.
-Each entry of `CHECKS` is one ArduPilot check: it stops at its first reason, and all entries are run. A further check
-is a further entry.
+(`run_pre_arm_checks`, `mandatory_checks`). There is no radio, logger, airspeed sensor or safety switch to check here.
+Each entry of `CHECKS` is one ArduPilot check: it reports its first failure only, and all entries are run. A new check
+is a new entry.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skyrange.vehicle.builtin.modes import Mode
 Mask = NDArray[np.bool_]
 Words = str | Callable[[Craft], str]
 Reason = tuple[Mask, Words]
-"""Which rows fail, and what is said: a text, or a function of the craft that makes one."""
+"""Which rows fail, and the text: a string, or a function of the aircraft that makes one."""
 
 _TELL_NS = 30 * NS_PER_S  # PREARM_DISPLAY_PERIOD
 _TELL_SOON_NS = 4 * NS_PER_S
@@ -40,7 +40,7 @@ _LEVEL_KINDS = int(fence.Kind.CIRCLE | fence.Kind.POLYGON)
 
 
 class Bit(IntFlag):
-    """ARMING_CHECK's bits, as far as there is something to check."""
+    """ARMING_CHECK's bits that have a check here."""
 
     ALL = 1 << 0
     BARO = 1 << 1
@@ -54,20 +54,20 @@ class Bit(IntFlag):
 
 
 class View(NamedTuple):
-    """Some rows, and what checks want to know of them."""
+    """Some rows and the inputs of the checks."""
 
     rows: NDArray[np.int64]
     bits: NDArray[np.int64]
     """ARMING_CHECK."""
     by_position: Mask
-    """The mode needs a position."""
+    """The mode requires a position."""
     by_hand: Mask
-    """The mode leaves the throttle to a pilot."""
+    """The mode has manual throttle."""
     needs_mission: Mask
     located: Mask
-    """There is a position to fly by."""
+    """There is a valid position."""
     fenced: Mask
-    """A fence is in force that needs a position."""
+    """A fence that requires a position is in force."""
 
     def asked(self, bit: Bit) -> Mask:
         """Where ARMING_CHECK has a bit, or all."""
@@ -75,7 +75,7 @@ class View(NamedTuple):
 
 
 def view(fleet: Fleet, rows: NDArray[np.int64]) -> View:
-    """Look at some rows."""
+    """Gather the inputs of the checks for some rows."""
     modes = fleet.modes[rows].tolist()
     kinds = fleet.boundary["enabled"][rows] & fleet.settings["FENCE_TYPE"][rows].astype(np.int64)
     kinds = np.where(fleet.zones["count"][rows] > 0, kinds, kinds & ~int(fence.Kind.POLYGON))
@@ -123,7 +123,7 @@ def _compass(fleet: Fleet, seen: View) -> list[Reason]:
 
 
 def _place(fleet: Fleet, seen: View) -> list[Reason]:
-    """`gps_checks`: the receiver, where a position is needed; then the estimate (`mandatory_gps_checks`)."""
+    """`gps_checks`: the receiver, where a position is required; then the estimate (`mandatory_gps_checks`)."""
     estimate, rows = fleet.estimate, seen.rows
     asked = seen.asked(Bit.GPS) & (seen.by_position | seen.fenced)
     lost = (estimate["gnss_fix"][rows] < _FIX_3D) | (estimate["gnss_age_s"][rows] > _GNSS_LOST_S)
@@ -145,7 +145,7 @@ def _place(fleet: Fleet, seen: View) -> list[Reason]:
 
 
 def _estimate(fleet: Fleet, seen: View) -> list[Reason]:
-    """`mandatory_gps_checks`: also run for a forced arming."""
+    """`mandatory_gps_checks`, also run for forced arming."""
     estimate, rows = fleet.estimate, seen.rows
     status = estimate["status"][rows]
     most = fleet.settings["FS_EKF_THRESH"][rows]
@@ -178,7 +178,7 @@ _REQUIRED: Final = {
     8: (int(dialect.MAV_CMD_NAV_TAKEOFF), "takeoff"),
     64: (int(dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH), "RTL"),
 }
-"""ARMING_MIS_ITEMS: bit → command that the mission must have."""
+"""ARMING_MIS_ITEMS: bit → command that the mission must contain."""
 _REQUIRED_RALLY = 32
 
 
@@ -231,11 +231,11 @@ CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
 """In ArduPilot's order."""
 
 MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [_estimate, _height, _remote_id]
-"""What is checked even where ARMING_CHECK is 0 or arming is forced."""
+"""Checks that are run even where ARMING_CHECK is 0 or arming is forced."""
 
 
 def update(fleet: Fleet) -> None:
-    """Once a second: check all that are disarmed; tell those that fail every 30 s, or within 4 s of beginning to."""
+    """Check all disarmed aircraft, once a second; report failures every 30 s, or within 4 s of their beginning."""
     watch, flight = fleet.watch, fleet.flight
     watch["prearm_ok"][flight["armed"] != 0] = 1
     rows = np.flatnonzero(flight["armed"] == 0)
@@ -260,14 +260,14 @@ def update(fleet: Fleet) -> None:
 
 
 def report(fleet: Fleet, craft: Craft, causes: Causes) -> None:
-    """Say what stands against arming, if anything does."""
+    """Report what prevents arming, if anything does."""
     seen = view(fleet, np.array([craft.row]))
     found = _run(fleet, seen, CHECKS if seen.bits[0] else MANDATORY, np.ones(1, dtype=bool))
     _tell(fleet, craft, 0, found, "PreArm", causes)
 
 
 def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
-    """Run the checks for a craft that is to be armed now and say what fails; `forced`, only the mandatory ones."""
+    """Run the checks for an aircraft to be armed now and report failures; if `forced`, only the mandatory ones."""
     seen = view(fleet, np.array([craft.row]))
     few = forced or seen.bits[0] == 0
     found = _run(fleet, seen, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
@@ -280,14 +280,14 @@ def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
 def _run(
     fleet: Fleet, seen: View, checks: Sequence[Callable[[Fleet, View], Sequence[Reason]]], where: Mask
 ) -> list[list[Reason]]:
-    """What checks find, as far as `where` allows."""
+    """Return the failures that checks find, restricted to `where`."""
     if not where.any():
         return []
     return [[(bad & where, words) for bad, words in check(fleet, seen)] for check in checks]
 
 
 def _tell(fleet: Fleet, craft: Craft, place: int, found: list[list[Reason]], head: str, causes: Causes) -> None:
-    """STATUSTEXT of the first reason of every check that fails."""
+    """Send the first failure of every failing check as STATUSTEXT."""
     for reasons in found:
         words = next((words for bad, words in reasons if bad[place]), None)
         if words is not None:

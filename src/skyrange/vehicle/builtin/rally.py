@@ -1,4 +1,4 @@
-"""Where else than home may an aircraft return to? Rally points by the mission protocol, and the one that RTL takes.
+"""Rally points: their places, and the one that RTL returns to.
 
 After libraries/AP_Rally/AP_Rally.cpp, ArduCopter/AP_Rally.cpp and libraries/GCS_MAVLink/MissionItemProtocol_Rally.cpp.
 """
@@ -37,14 +37,14 @@ _FRAMES = {
 
 
 def place_of(fleet: Fleet, craft: Craft, point: Slot) -> Place:
-    """Where a rally point lies; the ground is flat, at the origin's height."""
+    """Return a rally point's place; the ground is flat, at the origin's height."""
     east, north = fleet.origin.enu_of(point.x * 1e-7, point.y * 1e-7)
     datum = {_ABSOLUTE: -fleet.origin.alt_msl_m, _ABOVE_HOME: craft.home[2]}.get(point.frame, 0.0)
     return east, north, point.z + datum
 
 
 def nearest(fleet: Fleet, craft: Craft) -> Place | None:
-    """The nearest rally point inside the fence; `None` beyond RALLY_LIMIT_KM (`find_nearest_rally_point`)."""
+    """Return the nearest rally point inside the fence; `None` beyond RALLY_LIMIT_KM (`find_nearest_rally_point`)."""
     here = fleet.position(craft)
     places = (place_of(fleet, craft, point) for point in craft.rally if point.x != 0 or point.y != 0)
     good = [place for place in places if fence.allows(fleet, craft, place)]
@@ -56,7 +56,7 @@ def nearest(fleet: Fleet, craft: Craft) -> Place | None:
 
 
 def return_point(fleet: Fleet, craft: Craft) -> Place:
-    """Where RTL returns to: the nearest rally point, or home where that is nearer and RALLY_INCL_HOME is set.
+    """Return the destination of RTL: the nearest rally point, or home if that is nearer and RALLY_INCL_HOME is set.
 
     `up` is the point's own height, below which the return does not fly (`calc_best_rally_or_home_location`).
     """
@@ -74,7 +74,7 @@ def _distance(a: Place, b: Place) -> float:
 
 
 def _slot(message: Any, causes: Causes) -> tuple[int, Slot | None]:
-    """(MAV_MISSION_RESULT, slot) of one item (`convert_MISSION_ITEM_INT_to_RallyLocation`)."""
+    """Return (MAV_MISSION_RESULT, item) of one message (`convert_MISSION_ITEM_INT_to_RallyLocation`)."""
     if message.command != dialect.MAV_CMD_NAV_RALLY_POINT:
         return int(dialect.MAV_MISSION_UNSUPPORTED), None
     x, y = lat_lon_e7(message)
@@ -86,7 +86,7 @@ def _slot(message: Any, causes: Causes) -> tuple[int, Slot | None]:
         return int(dialect.MAV_MISSION_INVALID_PARAM7), None
     if message.frame not in _FRAMES:
         return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME), None
-    # 16 bits of whole metres, as ArduPilot keeps it
+    # 16 bits of whole metres, as ArduPilot stores it
     return _ACCEPTED, Slot(message.command, _FRAMES[message.frame], x=x, y=y, z=float(int(message.z)), causes=causes)
 
 

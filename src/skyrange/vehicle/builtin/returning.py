@@ -1,8 +1,8 @@
-"""How does an aircraft come home? RTL's stages: climb, return, wait, descend and land.
+"""RTL: climb, return, loiter, then descend and land.
 
-After ArduCopter/mode_rtl.cpp (`build_path`, `compute_return_target`, `run`): the climb's height is RTL_ALT above
-home, lowered by the cone near home and to the fence, never below the present height. Home may be a rally
-point. Used by the mode and by the mission item.
+After ArduCopter/mode_rtl.cpp (`build_path`, `compute_return_target`, `run`): the return altitude is RTL_ALT above
+home, lowered by the cone near home and to the fence, never below the present height. The destination may be a rally
+point. Used by the mode and by the mission command.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _CONE_MIN = 0.5  # config.h RTL_MIN_CONE_SLOPE
 
 
 def start(fleet: Fleet, craft: Craft) -> None:
-    """Begin the return of a flying craft with the climb from its stopping point."""
+    """Start the return of a flying aircraft with the climb from its stopping point."""
     fleet.limits(craft)
     craft.return_to = rally.return_point(fleet, craft)
     speed = fleet.param(craft, "RTL_SPEED") * 0.01
@@ -31,7 +31,7 @@ def start(fleet: Fleet, craft: Craft) -> None:
     east, north, up = wpnav.rest_at(fleet.estimate, fleet.flight, fleet.settings, craft.row)
     height = _height(fleet, craft, east, north, up)
     _leg(fleet, craft, (east, north, height), True)
-    # it turns home before the climb has come to a stop (climb_start)
+    # it turns home before the climb has stopped (climb_start)
     home = places.array((craft.return_to[0], craft.return_to[1], height))
     wpnav.fly_on_to(fleet.flight, fleet.legs, fleet.settings, craft.row, home)
 
@@ -41,7 +41,7 @@ def _leg(fleet: Fleet, craft: Craft, goal: tuple[float, float, float], anew: boo
 
 
 def _height(fleet: Fleet, craft: Craft, east: float, north: float, up: float) -> float:
-    """The height of the return, above the origin."""
+    """Return the altitude of the return, m above the origin."""
     home_up = craft.home[2]
     to_east, to_north, to_up = craft.return_to
     now = up - home_up
@@ -54,7 +54,7 @@ def _height(fleet: Fleet, craft: Craft, east: float, north: float, up: float) ->
 
 
 def arrived(fleet: Fleet, craft: Craft) -> None:
-    """A leg of the return is done: go on to the next stage."""
+    """Continue with the next sub-mode when a leg is complete."""
     if craft.stage == Stage.CLIMB:
         craft.stage = Stage.RETURN
         up = float(fleet.flight["target_pos"][craft.row, 2])
@@ -67,7 +67,7 @@ def arrived(fleet: Fleet, craft: Craft) -> None:
 
 
 def waited(fleet: Fleet, craft: Craft) -> None:
-    """The wait above home is over, and the nose is where it was: land, or descend to RTL_ALT_FINAL and stay."""
+    """End the loiter once the nose is at the yaw of arming: land, or descend to RTL_ALT_FINAL and stay."""
     if not facing.is_as_armed(fleet, craft):
         fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
         return

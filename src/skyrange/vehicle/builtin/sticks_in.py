@@ -1,9 +1,10 @@
-"""Where are a pilot's sticks? From microseconds per channel to what the loop reads, and what arming asks of them.
+"""RC channels: from microseconds per channel to the stick positions of the loop, and the throttle checks of arming.
 
-After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Channels run
-from 1000 to 2000 µs and are told at rest while nothing moves them: roll, pitch and yaw in the middle, throttle at the
-bottom, switches off. A throttle that nothing moves is none: it is at the bottom for STABILIZE, which reads it whatever
-it is (`get_pilot_desired_throttle`), and asks for no climb elsewhere (`has_valid_input`, RC_Channel_Copter.cpp).
+After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Channels range
+from 1000 to 2000 µs and are reported at rest while nothing moves them: roll, pitch and yaw in the middle, throttle at
+the bottom, switches off. A throttle that nothing moves counts as absent: it is at the bottom for STABILIZE, which
+reads it in any case (`get_pilot_desired_throttle`), and requests no climb in other modes (`has_valid_input`,
+RC_Channel_Copter.cpp).
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _HEIGHT_HELD = (Mode.ALT_HOLD, Mode.LOITER)
 
 
 def place(fleet: Fleet, craft: Craft) -> None:
-    """Tell the loop and the reports where the sticks are."""
+    """Update the channels and the stick positions of an aircraft."""
     values = [craft.overrides.get(channel, (rest, 0))[0] for channel, rest in enumerate(_RESTING_US)]
     fleet.channels[craft.row] = values
     stick = fleet.flight["sticks"][craft.row]
@@ -33,21 +34,21 @@ def place(fleet: Fleet, craft: Craft) -> None:
     thousandths = 1000 * (min(max(values[_THROTTLE], MIN_US), MAX_US) - low) // (MAX_US - low)
     stick[3] = max(thousandths, 0) / 1000.0
     if not _moves_throttle(craft) and craft.mode in _HEIGHT_HELD:
-        stick[3] = sticks.THROTTLE_MID  # no climb is asked for (Copter::get_pilot_desired_climb_rate)
+        stick[3] = sticks.THROTTLE_MID  # no climb is requested (Copter::get_pilot_desired_climb_rate)
 
 
 def _moves_throttle(craft: Craft) -> bool:
-    """Whether there is a throttle to hear: without one ArduCopter's `has_valid_input` is false."""
+    """Whether there is throttle input: without it ArduCopter's `has_valid_input` is false."""
     return _THROTTLE in craft.overrides
 
 
 def throttle(fleet: Fleet, craft: Craft) -> float:
-    """The throttle stick, 0…1; at the bottom while nobody moves it."""
+    """Return the throttle stick, 0…1; at the bottom while nothing moves it."""
     return float(fleet.flight["sticks"][craft.row, 3]) if _moves_throttle(craft) else 0.0
 
 
 def _norm(us: int, dead_us: int) -> float:
-    """-1…1 with a dead zone (RC_Channel::norm_input_dz)."""
+    """Return -1…1 with a dead zone (RC_Channel::norm_input_dz)."""
     low, high = _MID_US - dead_us, _MID_US + dead_us
     if us > high:
         return min((us - high) / (MAX_US - high), 1.0)
@@ -57,7 +58,7 @@ def _norm(us: int, dead_us: int) -> float:
 
 
 def too_high(fleet: Fleet, craft: Craft) -> bool:
-    """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks): GUIDED and AUTO do not look at it."""
+    """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks); GUIDED and AUTO ignore it."""
     if craft.mode in (Mode.GUIDED, Mode.AUTO):
         return False
     return wants_climb(fleet, craft) or (craft.mode in MANUAL_THROTTLE and throttle(fleet, craft) > 0.0)
@@ -70,7 +71,7 @@ def wants_climb(fleet: Fleet, craft: Craft) -> bool:
 
 
 def thrust(fleet: Fleet, craft: Craft) -> float:
-    """The thrust that the throttle stick would give in STABILIZE."""
+    """Return the thrust that the throttle stick would give in STABILIZE."""
     if not _moves_throttle(craft):
         return 0.0
     row = craft.row

@@ -1,7 +1,7 @@
-"""When may a mode be entered, and what does a flying aircraft do then?
+"""Mode changes: when a mode may be entered, and what a flying aircraft does on entry.
 
-Rules are those of `Copter::set_mode` (ArduCopter/mode.cpp) and each mode's `init`. A refused change sends a text
-and leaves everything as it was. Disarmed, any mode may be chosen: arming checks it.
+The rules are those of `Copter::set_mode` (ArduCopter/mode.cpp) and each mode's `init`. A refused change sends a text
+and changes nothing else. While disarmed, any mode may be chosen: arming checks it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
 
 
 def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
-    """Why an armed craft may not enter a mode, or ""."""
+    """Return why an armed aircraft may not enter a mode, or ""."""
     if mode in NEEDS_POSITION and not position.ok(fleet, craft):
         return "requires position"
     if craft.mode in MANUAL_THROTTLE and mode not in MANUAL_THROTTLE and not position.height_ok(fleet, craft):
@@ -49,7 +49,7 @@ def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
             return "init failed"
     by_hand = mode in MANUAL_THROTTLE and craft.mode not in MANUAL_THROTTLE and fleet.landed(craft)
     if by_hand and sticks_in.thrust(fleet, craft) > 0.5 * fleet.param(craft, "MOT_THST_HOVER"):
-        return "throttle too high"  # it must not leap off the ground (get_non_takeoff_throttle)
+        return "throttle too high"  # it must not jump off the ground (get_non_takeoff_throttle)
     return ""
 
 
@@ -77,7 +77,7 @@ def _land(fleet: Fleet, craft: Craft) -> None:
 
 
 def _pilot(fleet: Fleet, craft: Craft) -> None:
-    """The sticks take over, from where it is."""
+    """Let the pilot's sticks take over from the present state."""
     control = PILOTED[craft.mode]
     row, flight = craft.row, fleet.flight
     pilot_limits(fleet, craft)
@@ -89,7 +89,7 @@ def _pilot(fleet: Fleet, craft: Craft) -> None:
 
 
 def pilot_limits(fleet: Fleet, craft: Craft) -> None:
-    """Speeds and accelerations as the PILOT and LOIT parameters say (mode_loiter.cpp, mode_althold.cpp)."""
+    """Set speed and acceleration limits to the PILOT and LOIT parameters (mode_loiter.cpp, mode_althold.cpp)."""
     row, flight = craft.row, fleet.flight
     fleet.limits(craft)
     up = fleet.param(craft, "PILOT_SPEED_UP") * 0.01
@@ -110,13 +110,13 @@ _ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
     Mode.LAND: _land,
     Mode.BRAKE: _brake,
 }
-"""What a flying craft does on entry; AUTO holds until its mission says more."""
+"""What a flying aircraft does on entry; AUTO holds until its mission starts."""
 
 
 def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Causes) -> bool:
     """Change the mode; `False` and a text where it is refused. The present mode again changes nothing.
 
-    `reason` is ArduCopter's (AP_Vehicle/ModeReason.h), in lower case: what `event.mode` says.
+    `reason` is ArduCopter's (AP_Vehicle/ModeReason.h), in lower case, as in `event.mode`.
     """
     if number == craft.shown_mode:
         craft.mode_reason = reason
@@ -150,7 +150,7 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
         _ENTER[mode](fleet, craft)
     elif armed:
         fleet.limits(craft)
-        fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is off
+        fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is cancelled
         if mode in PILOTED:
             _pilot(fleet, craft)
         if mode == Mode.LAND:
@@ -163,7 +163,7 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
 
 
 def _join_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
-    """AUTO_RTL was asked for (`return_path_or_jump_to_landing_sequence_auto_RTL`)."""
+    """Enter AUTO_RTL (`return_path_or_jump_to_landing_sequence_auto_RTL`)."""
     if landing_sequence.join(fleet, craft, causes):
         return _land_by_mission(fleet, craft, reason, causes)
     _no_landing(fleet, craft, "No return path or landing sequence found", causes)
@@ -171,7 +171,7 @@ def _join_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bo
 
 
 def start_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
-    """DO_LAND_START was asked for: to the nearest in any case (ModeAuto::jump_to_landing_sequence_auto_RTL)."""
+    """Jump to the nearest DO_LAND_START in any case (ModeAuto::jump_to_landing_sequence_auto_RTL)."""
     if landing_sequence.jump(fleet, craft, causes):
         return _land_by_mission(fleet, craft, reason, causes)
     _no_landing(fleet, craft, "No landing sequence found", causes)
@@ -183,7 +183,7 @@ def _no_landing(fleet: Fleet, craft: Craft, why: str, causes: Causes) -> None:
 
 
 def _land_by_mission(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
-    """Fly the mission from its current item on, shown as AUTO_RTL (ModeAuto::enter_auto_rtl)."""
+    """Fly the mission from its current item on, reported as AUTO_RTL (ModeAuto::enter_auto_rtl)."""
     if craft.mode != Mode.AUTO:
         craft.resumes = True
         if not set_mode(fleet, craft, Mode.AUTO, reason, causes):

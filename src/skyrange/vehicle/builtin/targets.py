@@ -1,8 +1,9 @@
-"""Where does the ground station want a GUIDED aircraft? SET_POSITION_TARGET_…, SET_ATTITUDE_TARGET.
+"""GUIDED targets: SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT and SET_ATTITUDE_TARGET.
 
 After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_message_set_…_target…`) and mode_guided.cpp. Positions, velocities,
-accelerations and combinations of them, with a yaw or a yaw rate; what makes no sense stops the aircraft, as does a
-number that is not finite, which ArduPilot looks for in velocities only. All but positions hold for GUID_TIMEOUT.
+accelerations and combinations of them, with a yaw or a yaw rate. An invalid combination stops the aircraft, as does a
+number that is not finite, which ArduPilot checks in velocities only. All targets but positions expire after
+GUID_TIMEOUT.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ _LOCAL_FRAMES = frozenset(
 _BODY_FRAMES = frozenset((dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_OFFSET_NED))
 _RATES_IGNORE, _THRUST_IGNORE, _ATTITUDE_IGNORE = 0b111, 1 << 6, 1 << 7
 FAR_M = 1e6
-"""Farther than any local frame means: such a target is taken as senseless."""
+"""Larger than any sensible local position: such a target counts as invalid."""
 _FAST_MPS = 1e3
 """GCS_MAVLINK_Copter::sane_vel_or_acc_vector."""
 _UNIT = 1e-3
@@ -43,7 +44,7 @@ _NONE: Vector = (0.0, 0.0, 0.0)
 
 
 def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """SET_POSITION_TARGET_LOCAL_NED: north, east, down of the origin, of the craft, or of its nose."""
+    """SET_POSITION_TARGET_LOCAL_NED: relative to the origin, the aircraft or its heading, by frame."""
     if craft.mode != Mode.GUIDED:
         return
     frame, mask = message.coordinate_frame, message.type_mask
@@ -66,7 +67,7 @@ def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int],
 
 
 def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above the sea, home or the ground."""
+    """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above sea level, home or terrain."""
     if craft.mode != Mode.GUIDED:
         return
     frame, mask = message.coordinate_frame, message.type_mask
@@ -83,12 +84,12 @@ def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int]
     yaw = None if mask & _YAW_IGNORE else message.yaw
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
     if position is not None and velocity is not None and accel is not None:
-        accel = _NONE  # set_destination_posvel takes none
+        accel = _NONE  # set_destination_posvel has no acceleration
     _act(fleet, craft, position, velocity, accel, (yaw, rate, False), causes, mask)
 
 
 def _enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -> Vector:
-    """A vector of the message as east, north, up."""
+    """Return a vector of the message as east, north, up."""
     if frame not in _BODY_FRAMES:
         return y, x, -z
     yaw = float(fleet.estimate["yaw"][craft.row])
@@ -96,7 +97,7 @@ def _enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -
 
 
 def sane(vector: Vector | None, most: float) -> bool:
-    """Whether a vector, if there is one, is finite and not absurd."""
+    """Whether a vector, if there is one, is finite and within `most`."""
     return vector is None or all(abs(part) <= most for part in vector)
 
 
@@ -110,7 +111,7 @@ def _act(
     causes: Causes,
     mask: int,
 ) -> None:
-    """Do what the combination of fields asks for; stop where it asks for none that there is, or for no number."""
+    """Fly the requested combination of fields; stop where it is invalid or has a value that is not a number."""
     good = sane(position, FAR_M) and sane(velocity, _FAST_MPS) and sane(accel, _FAST_MPS)
     good = good and all(part is None or math.isfinite(part) for part in yaw[:2])
     forced = bool(mask & _FORCE) and accel is not None
@@ -119,7 +120,7 @@ def _act(
         stop(fleet, craft, causes)
         return
     if not fleet.armed(craft) or fleet.landed(craft) or not (position is None or fence.allows(fleet, craft, position)):
-        return  # a place beyond the fence changes nothing
+        return  # a place outside the fence changes nothing
     craft.target_causes = causes
     if position is not None and velocity is not None:
         _begin(fleet, craft, Control.TRACK)
@@ -140,7 +141,7 @@ def _act(
 
 
 def _begin(fleet: Fleet, craft: Craft, control: Control) -> None:
-    """Another kind of target starts from where the craft is, at the limits of the WPNAV parameters."""
+    """Start another kind of target from the present state, at the limits of the WPNAV parameters."""
     if fleet.control(craft) != control:
         loop.hold(fleet.estimate, fleet.flight, craft.row)
         fleet.limits(craft)
@@ -148,7 +149,7 @@ def _begin(fleet: Fleet, craft: Craft, control: Control) -> None:
 
 
 def order(fleet: Fleet, craft: Craft, position: Vector, causes: Causes) -> bool:
-    """A place that a command names, in GUIDED: fly there; `False` beyond the fence (ModeGuided::set_destination)."""
+    """Fly to a commanded place in GUIDED; `False` outside the fence (ModeGuided::set_destination)."""
     if not fence.allows(fleet, craft, position):
         return False
     craft.target_causes = causes
@@ -160,7 +161,7 @@ def order(fleet: Fleet, craft: Craft, position: Vector, causes: Causes) -> bool:
 
 
 def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:
-    """Fly to a place and stay."""
+    """Fly to a place and hold it."""
     if int(fleet.param(craft, "GUID_OPTIONS")) & _WAYPOINTS:
         anew = fleet.control(craft) != Control.LEG
         if anew:
@@ -173,7 +174,7 @@ def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:
 
 
 def _face(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, relative: bool) -> None:
-    """Turn as asked (ModeGuided::set_yaw_state_rad)."""
+    """Set the yaw target (ModeGuided::set_yaw_state_rad)."""
     if yaw is not None and relative:
         facing.turn(fleet, craft, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, True)
     elif yaw is not None:
@@ -185,7 +186,7 @@ def _face(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, rel
 
 
 def stop(fleet: Fleet, craft: Craft, causes: Causes) -> None:
-    """Come to rest and hold (ModeGuided::init)."""
+    """Stop and hold (ModeGuided::init)."""
     fleet.timer(craft, Timer.STALE)
     if not fleet.armed(craft) or fleet.landed(craft):
         return
@@ -194,7 +195,7 @@ def stop(fleet: Fleet, craft: Craft, causes: Causes) -> None:
 
 
 def halt(fleet: Fleet, craft: Craft) -> None:
-    """Hold at zero velocity from here on, at the limits of the WPNAV parameters."""
+    """Hold at zero velocity from the present state, at the limits of the WPNAV parameters."""
     loop.hold(fleet.estimate, fleet.flight, craft.row)
     fleet.limits(craft)
     facing.default(fleet, craft)
@@ -202,7 +203,7 @@ def halt(fleet: Fleet, craft: Craft) -> None:
 
 
 def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the fastest)."""
+    """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the maximum)."""
     if craft.mode != Mode.GUIDED:
         return
     mask = message.type_mask
@@ -243,9 +244,9 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
 
 
 def flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """A quaternion front-right-down to north-east-down as front-left-up to east-north-up, of length 1."""
+    """Convert a quaternion from front-right-down, north-east-down to front-left-up, east-north-up, of length 1."""
     scale = math.sqrt(0.5 / (w * w + x * x + y * y + z * z))
-    # half a turn about the north-east line, the rotation, half a turn about the nose
+    # half a turn about the north-east axis, the rotation, half a turn about the forward axis
     a, b, c, d = w + z, x + y, x - y, w - z
     return a * scale, b * scale, c * scale, d * scale
 
@@ -255,7 +256,7 @@ def _until_stale(fleet: Fleet, craft: Craft) -> None:
 
 
 def stale(fleet: Fleet, craft: Craft) -> None:
-    """No new target came in time: stop moving, level out, stop turning (mode_guided.cpp, `get_timeout_ms`)."""
+    """Stop moving, level and stop turning when no new target came in time (mode_guided.cpp, `get_timeout_ms`)."""
     if craft.mode != Mode.GUIDED:
         return
     row, flight, control = craft.row, fleet.flight, fleet.control(craft)

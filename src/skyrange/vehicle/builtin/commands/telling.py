@@ -1,4 +1,4 @@
-"""Which commands ask for or set what the aircraft tells? Message intervals, single messages, home, the banner.
+"""Commands about telemetry and home: message intervals, single messages, home position, the banner.
 
 After `handle_command_set_message_interval`, `…_get_message_interval`, `…_request_message`, `…_get_home_position`,
 `…_do_set_home` of libraries/GCS_MAVLink/GCS_Common.cpp.
@@ -33,7 +33,7 @@ _ASKABLE: Final = COLUMN.keys() - UNASKED
 
 
 def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """SET_MESSAGE_INTERVAL: µs; 0 is the default rate, -1 stops. Counted in whole milliseconds, 3 to 60 000."""
+    """SET_MESSAGE_INTERVAL: µs; 0 is the default rate, -1 stops. Rounded down to milliseconds, 3 to 60 000."""
     if command.params[2] != 0.0:
         return DENIED
     message, interval_us = uint32(command.params[0]), int32(command.params[1])
@@ -64,12 +64,12 @@ def _tell_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int)
 
 
 def get_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """GET_MESSAGE_INTERVAL: answered with MESSAGE_INTERVAL; -1 is not sent, 0 not known."""
+    """GET_MESSAGE_INTERVAL: answer with MESSAGE_INTERVAL; -1 is not sent, 0 not known."""
     return _tell_interval(fleet, schedule, craft, uint32(command.params[0]))
 
 
 def request_message(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """REQUEST_MESSAGE: accepted for every message that ArduCopter knows; it comes where there is something to say."""
+    """REQUEST_MESSAGE: accepted for every message that ArduCopter knows; it is sent where it has contents."""
     message = uint32(command.params[0])
     if message == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
         return _tell_interval(fleet, schedule, craft, uint32(command.params[1]))
@@ -80,7 +80,7 @@ def request_message(fleet: Fleet, schedule: Schedule, craft: Craft, command: Com
 
 
 def capabilities(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """REQUEST_AUTOPILOT_CAPABILITIES: AUTOPILOT_VERSION."""
+    """REQUEST_AUTOPILOT_CAPABILITIES: send AUTOPILOT_VERSION."""
     if command.params[0] != 1.0:
         return FAILED
     command.after.append(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
@@ -94,13 +94,13 @@ def banner(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> 
 
 
 def get_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """GET_HOME_POSITION: HOME_POSITION and GPS_GLOBAL_ORIGIN."""
+    """GET_HOME_POSITION: send HOME_POSITION and GPS_GLOBAL_ORIGIN."""
     announce(fleet, craft, ())
     return ACCEPTED
 
 
 def do_set_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_SET_HOME: here (param1 1, or latitude and longitude 0), or at a place. Arming does not move it any more."""
+    """DO_SET_HOME: here (param1 1, or latitude and longitude 0), or at a place. Arming then does not move it."""
     if command.params[0] == 1.0 or (command.x == 0 and command.y == 0):
         set_home(fleet, craft, fleet.position(craft), command.causes, lock=True)
         return ACCEPTED

@@ -1,7 +1,7 @@
-"""Where does each aircraft believe it is, at every tick? The filter of a whole fleet.
+"""Estimator: the filters of a whole fleet, updated in every tick.
 
-The strapdown runs at every tick, the filter every 10 ms, sensors are used as they say something new. A row's numbers
-depend on its own sensors alone. Nothing that a sensor says, however wrong, makes a number that is not finite.
+The strapdown runs in every tick, the filter every 10 ms; sensors are fused when they have new data. A row's numbers
+depend on its own sensors alone. No sensor value, however wrong, makes a number that is not finite.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ Ints = NDArray[np.int64]
 
 _ABSOLUTE = int(Aiding.ABSOLUTE)
 _NONE = int(Aiding.NONE)
-_VOLTS_MAX = 1000.0  # beyond any battery that flies: a reading stays a number
+_VOLTS_MAX = 1000.0  # more than any flight battery: a reading stays finite
 _AMPERES_MAX = 10_000.0
 _SLOW = 0.05  # UpdateStrapdownEquationsNED: low pass of the acceleration, per step
 _START_VEL_MPS = 0.1
 _START_TILT_RAD = 0.01
-_START_BIAS_RADPS = math.radians(0.15)  # checkGyroCalStatus: what counts as learnt
+_START_BIAS_RADPS = math.radians(0.15)  # checkGyroCalStatus: what counts as calibrated
 _START_ACCEL_MPS2 = 0.1
 _START_YAW_RAD = math.radians(5.0)
 
@@ -72,10 +72,10 @@ def begin(
     which: Ints,
     settings: Records,
 ) -> None:
-    """Start every row as after a boot long past: standing, aligned, its receiver's checks passed if they pass now.
+    """Initialise every row as long after boot: at rest, aligned, receiver checks passed if they pass now.
 
-    Tilt is the accelerometer's, yaw the compass's (or, with none, the estimate's as given), position the fix's (or the
-    estimate's as given), height the barometer's.
+    Tilt is from the accelerometers, yaw from the compass (without one, as given in the estimate), position from the fix
+    (without one, as given), height from the barometer.
     """
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
@@ -175,9 +175,9 @@ def turn(
     which: Ints,
     settings: Records,
 ) -> int:
-    """One tick of every row; where `step_s` is not 0 also a filter step of that length, the `slot`-th.
+    """Run one tick of every row; if `step_s` is not 0, also a filter step of that length, number `slot`.
 
-    Returns how many rows have news.
+    Returns how many rows have new events.
     """
     news = 0
     earth = (field[0], field[1], field[2])
@@ -217,7 +217,7 @@ def turn(
 
 @kernel
 def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
-    """After a filter step: let corrections in over EK3_TAU_OUTPUT, keep attitude a rotation and biases in bounds."""
+    """After a filter step, apply corrections over EK3_TAU_OUTPUT, normalise the attitude and limit the biases."""
     keep = 1.0 - step_s / max(clamp(0.01 * p.EK3_TAU_OUTPUT, 0.1, 0.5), step_s)
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     norm = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
@@ -232,10 +232,10 @@ def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
 
 
 class Estimator:
-    """The filters of one engine's aircraft. Deep copies go on alike."""
+    """The filters of one engine's aircraft. A deep copy continues identically."""
 
     def __init__(self, count: int, origin: Origin) -> None:
-        """`origin` says which way the compass points where the fleet flies."""
+        """`origin` gives the magnetic field where the fleet flies."""
         self.filters, self._history = blank(count)
         self._field = np.array(field_at(origin), dtype=np.float64)
         self._room = np.zeros(6)
@@ -245,11 +245,11 @@ class Estimator:
     def update(
         self, now: Time, dt_s: float, sensors: Sensors, estimate: Records, armed: Ints, which: Ints, settings: Records
     ) -> int:
-        """Take one tick's sensors, `dt_s` after the last; `estimate` then says what is believed.
+        """Process one tick's sensors, `dt_s` after the last; `estimate` then holds the estimated state.
 
-        At the first call `estimate` holds where each aircraft is known to stand, and which way it looks. `armed` is
-        (n,), not 0 where motors may turn; `which` (n,) the row in `settings` of each. Returns how many aircraft's
-        filters have news (`filters["news"]`), which stand until they are cleared.
+        At the first call `estimate` holds the known initial position and yaw of each aircraft. `armed` is (n,), not 0
+        where motors may turn; `which` (n,) the row in `settings` of each. Returns how many aircraft have new events
+        (`filters["events"]`), which stay until they are cleared.
         """
         s = sensors
         fix = (s.gnss_fix, s.gnss_satellites, s.gnss_time_ns)

@@ -1,8 +1,8 @@
-"""What does the barometer change? Height and climb rate; and without aiding, the assumption of standing still.
+"""Barometer fusion: height and climb rate; without aiding, also the assumption of rest.
 
 NavEKF3_core::selectHeightForFusion, the height part of FuseVelPosNED, and ResetHeight
 (AP_NavEKF3_PosVelFusion.cpp), with the barometer as the source of height (EK3_SRC1_POSZ 1). GNSS height is not used,
-as it is not there.
+as in that configuration.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _STANDING_M = 0.5  # FuseVelPosNED: noise of the assumed position before take-of
 
 @kernel
 def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> None:
-    """Use a height that is new: another value, at most every 50 ms, or the same one after 100 ms."""
+    """Fuse a height that is new: another value, at most every 50 ms, or the same one after 100 ms."""
     since = now - k.baro_at
     if since < INTERVAL_MIN_NS or (height == k.baro and since < HEIGHT_NS):
         return
@@ -73,7 +73,7 @@ def _time_out(k: Any, now: int) -> None:
 
 @kernel
 def _reset(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
-    """Believe the barometer; the climb rate is GNSS's in flight, nothing on the ground."""
+    """Reset the height to the barometer; the climb rate to GNSS's in flight, to zero on the ground."""
     k.shift_pos[2] += k.baro - (k.pos[2] - k.slack_pos[2])
     k.moved_pos[2] += k.baro - k.pos[2]
     k.pos[2] = k.baro
@@ -99,7 +99,7 @@ def _reset(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
 
 @kernel
 def _stand(e: Any, k: Any, p: Any, armed: bool) -> None:
-    """No aiding: believe to be where it last was, within EK3_NOAID_M_NSE, which keeps tilt from drifting."""
+    """Without aiding, fuse the last known position, with noise EK3_NOAID_M_NSE, which keeps tilt from drifting."""
     noise = clamp(p.EK3_NOAID_M_NSE, 0.5, 50.0) if armed else _STANDING_M
     c = k.level
     east = k.held[0] - k.pos[0]

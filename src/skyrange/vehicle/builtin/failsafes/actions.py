@@ -1,6 +1,6 @@
-"""What does an aircraft do on a failsafe? ArduCopter/events.cpp `do_failsafe_action` and what it calls.
+"""Failsafe actions: ArduCopter/events.cpp `do_failsafe_action` and what it calls.
 
-There is no SmartRTL here, as on a vehicle whose path memory is off: its actions say so and take the next best.
+There is no SmartRTL here, as on a vehicle whose path memory is off: its actions report so and take the fallback.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Action(IntEnum):
 
 
 class Option(IntFlag):
-    """FS_OPTIONS (Copter::FailsafeOption), as far as there is no radio control and no gripper."""
+    """FS_OPTIONS (Copter::FailsafeOption), without those for radio control and a gripper."""
 
     GCS_CONTINUE_IF_AUTO = 2
     CONTINUE_IF_LANDING = 8
@@ -44,19 +44,19 @@ def option(fleet: Fleet, craft: Craft, bit: Option) -> bool:
 
 
 def announce(fleet: Fleet, craft: Craft, kind: str, action: str = "") -> None:
-    """Say which failsafe it is, and what is done where that is not its parameter's action (`announce_failsafe`)."""
+    """Report a failsafe, with the action where it is not the parameter's (`announce_failsafe`)."""
     fleet.text(craft, _WARNING, f"{kind} Failsafe - {action}" if action else f"{kind} Failsafe")
 
 
 def should_disarm(fleet: Fleet, craft: Craft) -> bool:
-    """Whether it stands on the ground, so that a failsafe just stops the motors (`should_disarm_on_failsafe`)."""
+    """Whether it stands on the ground, so that a failsafe only stops the motors (`should_disarm_on_failsafe`)."""
     if craft.mode == Mode.AUTO:
         return not craft.ready and fleet.landed(craft)
     return fleet.landed(craft)
 
 
 def act(fleet: Fleet, craft: Craft, action: int, reason: str) -> None:
-    """Do it; `reason` is ArduCopter's ModeReason, in lower case."""
+    """Execute an action; `reason` is ArduCopter's ModeReason in lower case."""
     if action == Action.LAND:
         land(fleet, craft, reason)
     elif action == Action.RTL:
@@ -79,13 +79,13 @@ def act(fleet: Fleet, craft: Craft, action: int, reason: str) -> None:
 
 
 def _return(fleet: Fleet, craft: Craft, reason: str) -> None:
-    """RTL, or where it is refused, LAND (`set_mode_RTL_or_land_with_pause`)."""
+    """RTL, or LAND where RTL is refused (`set_mode_RTL_or_land_with_pause`)."""
     if not set_mode(fleet, craft, Mode.RTL, reason, ()):
         land(fleet, craft, reason)
 
 
 def land(fleet: Fleet, craft: Craft, reason: str) -> None:
-    """LAND, its descent delayed by 4 s (`set_mode_land_with_pause`); a landing under way goes on."""
+    """LAND, its descent delayed by 4 s (`set_mode_land_with_pause`); a landing in progress continues."""
     begins = craft.mode != Mode.LAND
     if set_mode(fleet, craft, Mode.LAND, reason, ()) and begins:
         fleet.flight["pause_s"][craft.row] = _LAND_PAUSE_S

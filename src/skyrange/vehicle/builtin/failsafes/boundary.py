@@ -1,4 +1,4 @@
-"""Is the fence breached, and what then? FENCE_ACTION.
+"""Fence failsafe: breaches and FENCE_ACTION.
 
 After libraries/AC_Fence/AC_Fence.cpp (`update`, `check`, `check_fence_…`, `record_breach`, `auto_enable_fence_floor`)
 and ArduCopter/fence.cpp (`fence_checks_async`, `fence_check`). Checked at 10 Hz, where ArduCopter does at 25 Hz.
@@ -42,7 +42,7 @@ _TAKEOFF_AUTO = 1  # FENCE_AUTOENABLE
 
 @kernel
 def _follow_parameters(p: Any, b: Any) -> None:
-    """A changed FENCE_ENABLE or FENCE_AUTOENABLE sets what is in force anew (`update`)."""
+    """A changed FENCE_ENABLE or FENCE_AUTOENABLE sets the types in force again (`update`)."""
     wanted = int(p.FENCE_ENABLE)
     auto = int(p.FENCE_AUTOENABLE)
     if wanted != b.enable_was or auto != b.auto_was:
@@ -113,7 +113,7 @@ def _check_polygon(e: Any, p: Any, b: Any, z: Any, now_ns: int) -> int:
 
 @kernel
 def _open_floor(p: Any, b: Any, above: float) -> None:
-    """The lowest altitude comes into force by itself once that is reached (`auto_enable_fence_floor`)."""
+    """Enable the minimum altitude automatically once it is reached (`auto_enable_fence_floor`)."""
     auto = int(p.FENCE_AUTOENABLE)
     if int(p.FENCE_TYPE) & _LOW == 0 or b.enabled & _LOW != 0 or b.floor == 2:
         return
@@ -126,7 +126,7 @@ def _open_floor(p: Any, b: Any, above: float) -> None:
 
 @kernel
 def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> int:
-    """One aircraft: alarms raised, with the kinds of `BOUNDARY.fresh` breached newly."""
+    """Check one aircraft and return its alarms; `FENCE_STATE.new_breaches` are the types breached newly."""
     configured = int(p.FENCE_TYPE) & _ALL
     if p.FENCE_ENABLE == 0 and b.enable_was == 0 and p.FENCE_AUTOENABLE == 0 and b.auto_was == 0 and b.enabled == 0:
         return 0
@@ -176,7 +176,7 @@ def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> 
 
 
 def changed(fleet: Fleet, craft: Craft) -> None:
-    """Parts of the fence went out of force for a landing, or the lowest altitude came into force."""
+    """Report types disabled for a landing, or the minimum altitude that was enabled."""
     state = fleet.boundary[craft.row]
     fence.tell(fleet, craft, "auto-disabled", int(state["closed"]))
     if state["opened"]:
@@ -184,14 +184,14 @@ def changed(fleet: Fleet, craft: Craft) -> None:
 
 
 def cleared(fleet: Fleet, craft: Craft) -> None:
-    """It is back inside."""
+    """Report that the aircraft is back inside."""
     if not fleet.landed(craft):
         fleet.text(craft, dialect.MAV_SEVERITY_NOTICE, "Fence breach cleared")
     fleet.note("event.fence_cleared", craft)
 
 
 def breached(fleet: Fleet, craft: Craft) -> None:
-    """A new breach, or one of the backup 20 m further out: say so and act, if armed."""
+    """Report a new breach, or a backup breach 20 m farther out, and act if armed."""
     state = fleet.boundary
     row = craft.row
     kinds = int(state["fresh"][row])
@@ -216,7 +216,7 @@ def breached(fleet: Fleet, craft: Craft) -> None:
 
 
 def _turn_back(fleet: Fleet, craft: Craft, action: int) -> None:
-    """FENCE_ACTION: 1 RTL, 2 LAND, 3 SmartRTL or RTL, 4 BRAKE, 5 SmartRTL or LAND; LAND where that fails.
+    """FENCE_ACTION: 1 RTL, 2 LAND, 3 SmartRTL or RTL, 4 BRAKE, 5 SmartRTL or LAND; LAND where that is refused.
 
     There is no SmartRTL (`failsafes.actions`), so 3 returns and 5 lands.
     """
@@ -226,7 +226,7 @@ def _turn_back(fleet: Fleet, craft: Craft, action: int) -> None:
 
 
 def _outside_m(fleet: Fleet, craft: Craft, kinds: int) -> float:
-    """How far outside the worst of some kinds it is, m (`get_breach_distance`)."""
+    """Return the largest distance outside some types, m (`get_breach_distance`)."""
     state = fleet.boundary[craft.row]
     names = {_HIGH: "over_m", _LOW: "under_m", _CIRCLE: "circle_m", _POLYGON: "polygon_m"}
     return max(float(state[name]) for kind, name in names.items() if kinds & kind)

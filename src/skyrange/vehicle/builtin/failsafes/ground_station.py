@@ -1,4 +1,4 @@
-"""Is the ground station still there? FS_GCS_ENABLE, FS_GCS_TIMEOUT, SYSID_MYGCS.
+"""Ground station failsafe: FS_GCS_ENABLE, FS_GCS_TIMEOUT, SYSID_MYGCS.
 
 After ArduCopter/events.cpp `failsafe_gcs_check`, `failsafe_gcs_on_event` and `failsafe_gcs_off_event`, and
 GCS_Common.cpp `handle_heartbeat`. Checked at 10 Hz, where ArduCopter's `three_hz_loop` takes up to 0.33 s.
@@ -23,19 +23,19 @@ _BACK = int(Alarm.STATION_BACK)
 
 ACTIONS = {
     1: Action.RTL,
-    2: Action.RTL,  # once "continue the mission in AUTO", which FS_OPTIONS does now
+    2: Action.RTL,  # formerly "continue the mission in AUTO", which is now in FS_OPTIONS
     3: Action.SMART_RTL,
     4: Action.SMART_RTL_LAND,
     5: Action.LAND,
     6: Action.DO_LAND_START,
     7: Action.BRAKE_LAND,
 }
-"""FS_GCS_ENABLE → what is done (defines.h FS_GCS_…)."""
+"""FS_GCS_ENABLE → action (defines.h FS_GCS_…)."""
 
 
 @kernel
 def check_station(p: Any, w: Any, now_ns: int) -> int:
-    """One aircraft: alarms raised. Nothing before the first heartbeat, and nothing where the failsafe is disabled."""
+    """Check one aircraft and return its alarms: none before the first heartbeat, or with the failsafe disabled."""
     if p.FS_GCS_ENABLE == 0 or w.station_ns == 0:
         return 0
     silent_s = (now_ns - w.station_ns) * 1e-9
@@ -50,18 +50,18 @@ def check_station(p: Any, w: Any, now_ns: int) -> int:
 
 
 def on_heartbeat(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """HEARTBEAT: that of SYSID_MYGCS, from any of its components, counts."""
+    """HEARTBEAT: one of SYSID_MYGCS counts, from any of its components."""
     if partner[0] == int(fleet.param(craft, "SYSID_MYGCS")):
         seen(fleet, craft)
 
 
 def seen(fleet: Fleet, craft: Craft) -> None:
-    """The ground station has just shown that it is there (`sysid_mygcs_seen`)."""
+    """Record that the ground station was heard (`sysid_mygcs_seen`)."""
     fleet.watch["station_ns"][craft.row] = max(fleet.now, 1)
 
 
 def lost(fleet: Fleet, craft: Craft) -> None:
-    """No heartbeat for FS_GCS_TIMEOUT: say so and act."""
+    """Report that there was no heartbeat for FS_GCS_TIMEOUT, and act."""
     action = ACTIONS.get(int(fleet.param(craft, "FS_GCS_ENABLE")), Action.RTL)
     landing = mode_traits.landing(fleet, craft)
     if not fleet.armed(craft):
@@ -89,5 +89,5 @@ def lost(fleet: Fleet, craft: Craft) -> None:
 
 
 def back(fleet: Fleet, craft: Craft) -> None:
-    """Heartbeats come again: say so, and no more (`failsafe_gcs_off_event`); the mode stays."""
+    """Report that heartbeats arrive again (`failsafe_gcs_off_event`); the mode stays."""
     fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "GCS Failsafe Cleared")

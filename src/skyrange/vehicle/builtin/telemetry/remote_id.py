@@ -1,7 +1,7 @@
-"""What does the autopilot hand its Remote ID transmitter? OPEN_DRONE_ID_LOCATION, where DID_ENABLE was set at boot.
+"""Report to the Remote ID transmitter: OPEN_DRONE_ID_LOCATION, where DID_ENABLE was set at boot.
 
-After libraries/AP_OpenDroneID/AP_OpenDroneID.cpp (`send_location_message`), with what that does to the numbers: speeds
-are cut to whole m/s, and the time mark counts GPS time, ahead of UTC by the leap seconds.
+After libraries/AP_OpenDroneID/AP_OpenDroneID.cpp (`send_location_message`), with its rounding: speeds are truncated to
+whole m/s, and the timestamp counts GPS time, ahead of UTC by the leap seconds.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _HORIZONTAL, _VERTICAL, _SPEED = (
 
 
 def open_drone_id_location(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """OPEN_DRONE_ID_LOCATION, to everybody."""
+    """OPEN_DRONE_ID_LOCATION, broadcast."""
     e, watch = fleet.estimate, fleet.watch
     pos, vel, fallen = e["pos"][rows], e["vel"][rows], -columns.known(e["gnss_vel"][rows, 2])
     armed, fixed = fleet.flight["armed"][rows] == 1, e["gnss_fix"][rows] >= _FIX_3D
@@ -66,13 +66,13 @@ def open_drone_id_location(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def _centimetres(metres: Floats) -> Floats:
-    """Cut to whole ones, as an ArduPilot Location has heights."""
+    """Truncate heights to centimetres, the resolution of ArduPilot's Location."""
     found: Floats = np.trunc(metres * 100.0) * 0.01
     return found
 
 
 def _codes(limits: Floats, errors: Floats) -> Ints:
-    """`values.accuracy_code` of each; 0 for an unknown error."""
+    """Apply `values.accuracy_code` to each; 0 for an unknown error."""
     below = errors[:, None] < limits[None, :]
     codes: Ints = np.where(below, np.arange(len(limits)), 0).max(axis=1)
     return codes

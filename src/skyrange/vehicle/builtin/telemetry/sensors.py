@@ -1,8 +1,8 @@
-"""What do the sensors and outputs say? The reports of receiver, inertial sensors, barometer, motors and radio.
+"""Reports of sensors and outputs: receiver, inertial sensors, barometer, motors and radio.
 
 After `send_raw_imu`, `send_scaled_pressure_instance`, `send_servo_output_raw` and others of
 libraries/GCS_MAVLink/GCS_Common.cpp, and AP_GPS::send_mavlink_gps_raw. A board has a second inertial sensor and
-barometer; here they say what the first ones say.
+barometer; here they repeat the values of the first.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ _SEA_LEVEL_HPA: Final = 1013.25
 _RANGE_CM: Final = (20, 5000)
 _UNKNOWN_DOP: Final = 9999  # GPS_UNKNOWN_DOP
 _RANGE_ERROR_M: Final = 1.5
-"""An accuracy over a dilution of precision, as `estimation.gnss` has it for the level one."""
+"""Accuracy over dilution of precision, as in `estimation.gnss` for the horizontal one."""
 _DOP_MIN, _DOP_MAX = 0.5, 99.99
 _FIX_2D: Final = dialect.GPS_FIX_TYPE_2D_FIX
 _RADPS_PER_RPM: Final = 2.0 * math.pi / 60.0
 _ESC_HZ: Final = 100
-"""How often a speed controller reports; each report is counted."""
+"""Report rate of a speed controller; each report is counted."""
 
 
 def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """GPS_RAW_INT: what the receiver says, not what the estimator makes of it."""
+    """GPS_RAW_INT: the receiver's fix, not the estimate."""
     at = fleet.origin
     _fixes(
         at.lat_deg, at.lon_deg, at.alt_msl_m, at.ellipsoid_of(at.alt_msl_m), fleet.now, rows, fleet.boot_ns,
@@ -96,7 +96,7 @@ def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def raw_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RAW_IMU: thousandths of gravity, mrad/s and mgauss, forward-right-down; not raw at all, as from ArduPilot."""
+    """RAW_IMU: thousandths of gravity, mrad/s and mgauss, forward-right-down; scaled as from ArduPilot, not raw."""
     out["time_usec"] = columns.boot_us(fleet, rows)
     _imu(fleet, rows, out)
 
@@ -108,14 +108,14 @@ def scaled_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def scaled_imu3(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """SCALED_IMU3: a third compass, with no inertial sensor beside it, as in ArduPilot's SITL."""
+    """SCALED_IMU3: a third compass without an inertial sensor, as in ArduPilot's SITL."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     read = columns.known(fleet.estimate["compass"][rows]) * 1000.0
     out["xmag"], out["ymag"], out["zmag"] = held(read[:, 0], I16), held(-read[:, 1], I16), held(-read[:, 2], I16)
 
 
 def scaled_pressure(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """SCALED_PRESSURE and SCALED_PRESSURE2: the barometer's height as the standard atmosphere's pressure (ISO 2533)."""
+    """SCALED_PRESSURE(2): the height of the barometer as a pressure of the standard atmosphere (ISO 2533)."""
     height = fleet.origin.alt_msl_m + columns.known(fleet.estimate["baro_up"][rows])
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["press_abs"] = _SEA_LEVEL_HPA * np.maximum(1.0 - 2.25577e-5 * height, 0.0) ** 5.25588
@@ -123,12 +123,12 @@ def scaled_pressure(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def rangefinder(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RANGEFINDER, which looks down."""
+    """RANGEFINDER, downward."""
     out["distance"] = np.fmin(np.fmax(fleet.estimate["height"][rows], 0.0), _RANGE_CM[1] * 0.01)
 
 
 def distance_sensor(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """DISTANCE_SENSOR: the same."""
+    """DISTANCE_SENSOR of the rangefinder."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["min_distance"], out["max_distance"] = _RANGE_CM
     out["current_distance"] = held(fleet.estimate["height"][rows] * 100.0, _RANGE_CM[1], 0)
@@ -146,9 +146,9 @@ def servo_output_raw(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def esc_telemetry(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """ESC_TELEMETRY_1_TO_4: each rotor's speed, and its share of the battery's current; no temperature is measured.
+    """ESC_TELEMETRY_1_TO_4: each rotor's speed and its share of the battery's current; temperature is not measured.
 
-    A rotor takes power as the cube of its speed (`world.multirotor`), by which the current is shared.
+    A rotor's power is proportional to the cube of its speed (`world.multirotor`), by which the current is divided.
     """
     power = fleet.power
     speed = np.abs(fleet.rotors[rows])
@@ -162,7 +162,7 @@ def esc_telemetry(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def rc_channels(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RC_CHANNELS: where the sticks are (`sticks_in`); the signal strength is unknown."""
+    """RC_CHANNELS: the channels of `pilot.rc_channels`; the signal strength is unknown."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     sticks = fleet.channels[rows]
     out["chancount"] = sticks.shape[1]
@@ -172,13 +172,13 @@ def rc_channels(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def has_fix(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    """Whether a receiver is there and has ever told a position."""
+    """Whether a receiver is fitted and has ever reported a position."""
     known: NDArray[np.bool_] = np.isfinite(fleet.estimate["gnss_pos"][rows, 0])
     return known
 
 
 def ahrs(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """AHRS: drift and error of the attitude, by the compass and horizontal velocity that do not fit it."""
+    """AHRS: drift and error of the attitude, from the innovations of compass and horizontal velocity."""
     e = fleet.estimate
     out["error_rp"] = np.minimum(e["vel_ratio"][rows], 1.0) * math.radians(1.0)
     out["error_yaw"] = np.minimum(e["mag_ratio"][rows], 1.0) * math.radians(5.0)
