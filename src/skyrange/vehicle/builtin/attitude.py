@@ -18,14 +18,14 @@ from skyrange.vehicle.builtin.shaping import clamp, sqrt_controller
 _TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
 _TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
 _TILT_FAR2 = math.sin(_TILT_ERROR_RAD) ** 2
-_TINY = 1e-3  # squared sine up to which three terms of a series are exact to 1e-9
+_SERIES_LIMIT = 1e-3  # squared sine up to which three terms of a series are exact to 1e-9
 _YAW_HEADROOM = 0.2  # MOT_YAW_HEADROOM's 200 of 1000
 
 
 @kernel
 def _double_arcsine(s2: float) -> float:
     """2·asin(s)/s as a series of s², exact to 1e-9 for squares up to 0.04."""
-    if s2 < _TINY:
+    if s2 < _SERIES_LIMIT:
         return 2.0 + s2 * (1.0 / 3.0 + s2 * (3.0 / 20.0))
     return 2.0 + s2 * (
         1.0 / 3.0 + s2 * (3.0 / 20.0 + s2 * (15.0 / 168.0 + s2 * (105.0 / 1728.0 + s2 * 945.0 / 21120.0)))
@@ -67,7 +67,7 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
     Small tilts and turns use series that are exact to 1e-9: asin(s)/(s·√(1-s²)) and 1/√(1-s²).
     """
     s2 = x * x + y * y
-    if s2 < _TINY:
+    if s2 < _SERIES_LIMIT:
         ratio = 2.0 + s2 * (4.0 / 3.0 + s2 * (16.0 / 15.0))
         scale = 1.0 + s2 * (0.5 + s2 * 0.375)
     elif s2 < 0.04:
@@ -112,7 +112,7 @@ def start_at(e: Any, f: Any) -> None:
 @kernel
 def follow(f: Any, g: Any, dt_s: float) -> None:
     """Shape the attitude target towards `guided_quat`, which turns at `guided_ang_vel` (`input_quaternion`)."""
-    _turn_on(f.want_quat, f.want_rate, dt_s)
+    _rotate_by_rates(f.want_quat, f.want_rate, dt_s)
     q = f.want_quat
     steer(f, g, q[0], q[1], q[2], q[3], False, f.want_rate[2], dt_s)
 
@@ -133,7 +133,7 @@ def turn_by(f: Any, yaw: float) -> None:
 
 
 @kernel
-def _shape(rate: float, wanted: float, accel: float, dt_s: float) -> float:
+def _input_shaping_ang_vel(rate: float, wanted: float, accel: float, dt_s: float) -> float:
     """Move a rate towards another within an angular acceleration (`input_shaping_ang_vel`)."""
     return rate + clamp(wanted - rate, -accel * dt_s, accel * dt_s)
 
@@ -168,19 +168,19 @@ def steer(f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool,
     ew, ex, ey, ez = rotation(f.att[0], f.att[1], f.att[2], f.att[3], w, x, y, z)
     roll, pitch, turn, _ = tilt_and_turn(ew, ex, ey, ez)
     accel = g.accel_max[0]
-    f.att_rate[0] = _shape(f.att_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s)
+    f.att_rate[0] = _input_shaping_ang_vel(f.att_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s)
     accel = g.accel_max[1]
-    f.att_rate[1] = _shape(f.att_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s)
+    f.att_rate[1] = _input_shaping_ang_vel(f.att_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s)
     accel = g.accel_max[2]
     if turning:
-        f.att_rate[2] = _shape(f.att_rate[2], yaw_rate, accel, dt_s)
+        f.att_rate[2] = _input_shaping_ang_vel(f.att_rate[2], yaw_rate, accel, dt_s)
     else:
         wanted = clamp(yaw_rate, -g.slew, g.slew) + sqrt_controller(turn, g.input_p, accel, dt_s)
-        f.att_rate[2] = _shape(f.att_rate[2], clamp(wanted, -g.slew, g.slew), accel, dt_s)
+        f.att_rate[2] = _input_shaping_ang_vel(f.att_rate[2], clamp(wanted, -g.slew, g.slew), accel, dt_s)
 
 
 @kernel
-def _turn_on(q: Any, rate: Any, dt_s: float) -> None:
+def _rotate_by_rates(q: Any, rate: Any, dt_s: float) -> None:
     """Turn an attitude by its body rates for one step."""
     x = 0.5 * dt_s * rate[0]
     y = 0.5 * dt_s * rate[1]
@@ -209,11 +209,11 @@ def _turn_on(q: Any, rate: Any, dt_s: float) -> None:
 @kernel
 def advance(f: Any, dt_s: float) -> None:
     """Turn the attitude target by its rates for one step (`update_attitude_target`)."""
-    _turn_on(f.att, f.att_rate, dt_s)
+    _rotate_by_rates(f.att, f.att_rate, dt_s)
 
 
 @kernel
-def _correct(error: float, p: float, linear: float, accel: float) -> float:
+def _angle_to_rate(error: float, p: float, linear: float, accel: float) -> float:
     """Return the rate that corrects an angle error: linear up to `linear`, a square root beyond."""
     if error > linear:
         return math.sqrt(2.0 * accel * (error - 0.5 * linear))
@@ -242,9 +242,9 @@ def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
         f.att[3] = az * c + aw * s
         w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
         yaw = held
-    roll_rate = _correct(roll, g.angle_p[0], g.angle_linear[0], g.angle_accel[0])
-    pitch_rate = _correct(pitch, g.angle_p[1], g.angle_linear[1], g.angle_accel[1])
-    yaw_rate = _correct(yaw, g.angle_p[2], g.angle_linear[2], g.angle_accel[2])
+    roll_rate = _angle_to_rate(roll, g.angle_p[0], g.angle_linear[0], g.angle_accel[0])
+    pitch_rate = _angle_to_rate(pitch, g.angle_p[1], g.angle_linear[1], g.angle_accel[1])
+    yaw_rate = _angle_to_rate(yaw, g.angle_p[2], g.angle_linear[2], g.angle_accel[2])
     # the target's rates in the body frame
     a = f.att_rate[0]
     b = f.att_rate[1]
@@ -287,7 +287,7 @@ def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rat
 
 
 @kernel
-def _command(g: Any, thrust: float) -> float:
+def _thrust_to_actuator(g: Any, thrust: float) -> float:
     """Return the actuator command for a thrust 0…1: the inverse thrust curve, from MOT_SPIN_MIN to MOT_SPIN_MAX.
 
     `Thrust_Linearization::thrust_to_actuator`, without the compensation of the battery's voltage, which is off by
@@ -303,14 +303,14 @@ def _command(g: Any, thrust: float) -> float:
 
 
 @kernel
-def _yaw_room(part: float, factor: float, best: float, yaw: float) -> float:
+def _yaw_allowed(part: float, factor: float, best: float, yaw: float) -> float:
     """Return how much yaw a motor, whose yaw factor is ±½, allows on top of its part in roll and pitch."""
     # up to full thrust where yaw adds to it, else down to none; without a branch that noise would make unpredictable
     return 1.0 + math.copysign(1.0, yaw * factor) * (1.0 - 2.0 * (best + part))
 
 
 @kernel
-def _fit(throttle: float, average: float, low: float, high: float) -> tuple[float, float, bool]:
+def _fit_to_range(throttle: float, average: float, low: float, high: float) -> tuple[float, float, bool]:
     """Return (offset added to every motor, scale of the demands, whether thrust was reduced)."""
     scale = 1.0
     if high - low > 1.0:
@@ -354,8 +354,8 @@ def mix(
     full = False
     near = span > min(best, throttle) or throttle + span >= 1.0  # else far from every limit: nothing is reduced
     if near:
-        allowed = min(_yaw_room(a, g.yaw[0], best, yaw), _yaw_room(b, g.yaw[1], best, yaw))
-        allowed = min(allowed, min(_yaw_room(c, g.yaw[2], best, yaw), _yaw_room(d, g.yaw[3], best, yaw)))
+        allowed = min(_yaw_allowed(a, g.yaw[0], best, yaw), _yaw_allowed(b, g.yaw[1], best, yaw))
+        allowed = min(allowed, min(_yaw_allowed(c, g.yaw[2], best, yaw), _yaw_allowed(d, g.yaw[3], best, yaw)))
         allowed = max(min(allowed, 1.0), _YAW_HEADROOM)
         yaw = clamp(yaw, -allowed, allowed)
     a += yaw * g.yaw[0]
@@ -363,11 +363,11 @@ def mix(
     c += yaw * g.yaw[2]
     d += yaw * g.yaw[3]
     if near:
-        base, scale, full = _fit(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
+        base, scale, full = _fit_to_range(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
     return (
         full,
-        _command(g, base + scale * a),
-        _command(g, base + scale * b),
-        _command(g, base + scale * c),
-        _command(g, base + scale * d),
+        _thrust_to_actuator(g, base + scale * a),
+        _thrust_to_actuator(g, base + scale * b),
+        _thrust_to_actuator(g, base + scale * c),
+        _thrust_to_actuator(g, base + scale * d),
     )

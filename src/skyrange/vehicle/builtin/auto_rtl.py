@@ -13,7 +13,7 @@ def begin(fleet: Fleet, craft: Craft, reason: str) -> None:
     """Start to report AUTO as AUTO_RTL; `reason` is ArduCopter's ModeReason in lower case."""
     craft.mode_reason = reason
     fleet.show_auto_rtl(craft, True)
-    _note(fleet, craft)
+    _note_mode(fleet, craft)
 
 
 def look(fleet: Fleet, craft: Craft) -> None:
@@ -21,10 +21,10 @@ def look(fleet: Fleet, craft: Craft) -> None:
     if craft.auto_rtl and not craft.in_landing and craft.mission_state != MissionState.COMPLETE:
         craft.mode_reason = "auto_rtl_exit"
         fleet.show_auto_rtl(craft, False)
-        _note(fleet, craft)
+        _note_mode(fleet, craft)
 
 
-def _note(fleet: Fleet, craft: Craft) -> None:
+def _note_mode(fleet: Fleet, craft: Craft) -> None:
     mode = Mode(craft.shown_mode)
     fleet.note(
         "event.mode",

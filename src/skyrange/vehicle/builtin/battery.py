@@ -22,7 +22,7 @@ _CAPACITY_MIN_MAH = 10.0  # capacity_remaining_pct
 
 
 @kernel
-def _resistance(b: Any, dt_s: float) -> None:
+def _update_resistance(b: Any, dt_s: float) -> None:
     """Estimate the internal resistance from how voltage and current differ from their low-passed values."""
     if b.current <= 0.0:
         return
@@ -53,7 +53,7 @@ def measure(e: Any, p: Any, b: Any, dt_s: float) -> None:
     drawn_mah = b.current * dt_s * _MAH_PER_AS
     b.consumed_mah += drawn_mah
     b.consumed_wh += 0.001 * drawn_mah * b.voltage
-    _resistance(b, dt_s)
+    _update_resistance(b, dt_s)
     b.resting_v = max(b.resting_v, b.voltage)
     if p.BATT_CAPACITY > _CAPACITY_MIN_MAH:
         left = 100.0 * (p.BATT_CAPACITY - b.consumed_mah) / p.BATT_CAPACITY

@@ -32,7 +32,7 @@ from skyrange.vehicle.builtin.mission_kinds import (
 )
 from skyrange.vehicle.builtin.sequence import next_do
 
-_LOOK_NS = 20 * NS_PER_MS
+_CHECK_NS = 20 * NS_PER_MS
 _SPEED_MIN_MPS = 0.1  # AC_WPNav.cpp WPNAV_WP_SPEED_MIN_CMS
 _SPEED_MAX_MPS = 100.0  # faster than any multirotor: keeps an absurd request finite
 _WAIT_MAX_S = 86_400.0 * 365.0
@@ -92,9 +92,9 @@ def run(fleet: Fleet, craft: Craft, seq: int) -> None:
     while place is not None and place not in seen:
         seen.add(place)
         start(fleet, craft, place)
-        if craft.condition[0] and not _holds(fleet, craft):
+        if craft.condition[0] and not _condition_met(fleet, craft):
             craft.do_next = place
-            fleet.timer(craft, Timer.CONDITION, fleet.now + _LOOK_NS)
+            fleet.timer(craft, Timer.CONDITION, fleet.now + _CHECK_NS)
             return
         craft.condition = (0, 0.0)
         done(fleet, craft, place)
@@ -106,8 +106,8 @@ def look(fleet: Fleet, craft: Craft) -> None:
     """Check the condition again when the timer expires, and continue if it is met."""
     if craft.do_next == 0 or craft.flown is None:
         return
-    if not _holds(fleet, craft):
-        fleet.timer(craft, Timer.CONDITION, fleet.now + _LOOK_NS)
+    if not _condition_met(fleet, craft):
+        fleet.timer(craft, Timer.CONDITION, fleet.now + _CHECK_NS)
         return
     seq = craft.do_next
     drop(fleet, craft)
@@ -116,7 +116,7 @@ def look(fleet: Fleet, craft: Craft) -> None:
         run(fleet, craft, seq + 1)
 
 
-def _holds(fleet: Fleet, craft: Craft) -> bool:
+def _condition_met(fleet: Fleet, craft: Craft) -> bool:
     kind, value = craft.condition
     if kind == WAIT:
         return fleet.now > value

@@ -93,7 +93,7 @@ _HANDLERS: dict[int, Handler] = {
 }
 _COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
 _RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)
-_FLAGS = tuple(Flag)
+_EVENTS = tuple(Flag)
 
 
 class BuiltinFleet:
@@ -114,7 +114,7 @@ class BuiltinFleet:
         """
         self.name = name
         self.vehicles = [spec.vehicle for spec in specs]
-        _check(name, specs)
+        _check_specs(name, specs)
         count = len(specs)
         estimate, flight = zeros(ESTIMATE, count), zeros(FLIGHT, count)
         settings = np.zeros(count, dtype=SETTINGS)
@@ -130,7 +130,7 @@ class BuiltinFleet:
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1
         self.ports = [craft.port for craft in crafts]
-        self._places = {craft.port: craft.row for craft in crafts}
+        self._rows_by_port = {craft.port: craft.row for craft in crafts}
         signed = [
             Connection(craft.id, spec.signing_key, craft.port, craft.port)
             for craft, spec in zip(crafts, specs, strict=True)
@@ -150,7 +150,7 @@ class BuiltinFleet:
             service.boot(self._fleet, craft)
         self._actuators = np.zeros((count, MOTORS))
         self._fleet.actuators = self._actuators
-        self._last: Time | None = None
+        self._last_tick: Time | None = None
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Process the sensors and the messages of a tick; `finish` returns the result."""
@@ -158,8 +158,10 @@ class BuiltinFleet:
         fleet.now = tick
         fleet.outbox = Outbox()
         fleet.rotors = sensors.rotor_radps
-        dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
-        self._last = tick
+        dt_s = (
+            (tick - self._last_tick) / NS_PER_S if self._last_tick is not None and tick > self._last_tick else QUANTUM_S
+        )
+        self._last_tick = tick
         tuning = self._tuning
         tuning.renew(tick, dt_s)
         if self._estimator.update(
@@ -167,7 +169,7 @@ class BuiltinFleet:
         ):
             resets.tell(fleet, self._estimator.filters)
         if len(inbox):
-            mail = inbox.columns(self._places)
+            mail = inbox.columns(self._rows_by_port)
             if self._signed is not None:
                 mail = self._signed.open(tick, inbox, mail, fleet.outbox)
             for row in take_heartbeats(fleet, mail):
@@ -175,9 +177,9 @@ class BuiltinFleet:
         if loop.turn(
             fleet.estimate, fleet.flight, fleet.legs, tuning.which, tuning.gains, tuning.sets, self._actuators, dt_s
         ):
-            self._act_on_flags()
+            self._handle_events()
         if tick % SERVICE_NS == 0:
-            self._act_on_timers(tick)
+            self._handle_timers(tick)
             service.serve(fleet, self._actuators)
             self._schedule.send_due(fleet)
         if self._signed is not None:
@@ -193,7 +195,7 @@ class BuiltinFleet:
     def _receive(self, arrival: Arrival) -> None:
         """Process one frame, by ArduPilot's routing rules (MAVLink_routing.cpp)."""
         fleet = self._fleet
-        craft = fleet.crafts[self._places[arrival.port]]
+        craft = fleet.crafts[self._rows_by_port[arrival.port]]
         try:
             message = decode(arrival.payload)
         except DecodeError as error:
@@ -203,7 +205,7 @@ class BuiltinFleet:
         partner = (message.get_srcSystem(), message.get_srcComponent())
         if partner == (craft.system_id, COMPONENT):
             return  # an echo of its own frame
-        if _refuses(fleet, craft, message, partner[0]):
+        if _rejects_sender(fleet, craft, message, partner[0]):
             craft.ignored += 1
             return
         # there is no other component on board, so target_component is not checked
@@ -213,11 +215,11 @@ class BuiltinFleet:
             return
         if craft.paused:
             pausing.lift(fleet, craft)
-        self._obey(craft, message, partner, (arrival.ref,))
+        self._dispatch(craft, message, partner, (arrival.ref,))
         if craft.paused:
             pausing.settle(fleet, craft)
 
-    def _obey(self, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+    def _dispatch(self, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
         """Pass a message to its handler."""
         fleet = self._fleet
         number = message.get_msgId()
@@ -231,7 +233,7 @@ class BuiltinFleet:
         elif number == _ID.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
             streams.on_request(fleet, self._schedule, craft, message)
 
-    def _act_on_flags(self) -> None:
+    def _handle_events(self) -> None:
         """Report the events of the loop to modes and missions."""
         fleet = self._fleet
         flight = fleet.flight
@@ -239,11 +241,11 @@ class BuiltinFleet:
             craft = fleet.crafts[row]
             fresh = int(flight["flags"][row] & ~flight["seen"][row])
             flight["seen"][row] = flight["flags"][row]
-            for flag in _FLAGS:
+            for flag in _EVENTS:
                 if fresh & flag:
-                    _on_flag(fleet, craft, flag)
+                    _on_event(fleet, craft, flag)
 
-    def _act_on_timers(self, now: Time) -> None:
+    def _handle_timers(self, now: Time) -> None:
         fleet = self._fleet
         if fleet.next_timer > now:
             return
@@ -260,14 +262,14 @@ class BuiltinFleet:
         fleet.next_timer = min(fleet.next_timer, int(fleet.timers.min()))
 
 
-def _refuses(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
+def _rejects_sender(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
     """Whether SYSID_ENFORCE rejects this sender (`accept_packet`): only its own components and ground station pass."""
     if fleet.param(craft, "SYSID_ENFORCE") == 0.0 or message.get_msgId() in _RADIO:
         return False
     return system not in (craft.system_id, int(fleet.param(craft, "SYSID_MYGCS")))
 
 
-def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
+def _on_event(fleet: Fleet, craft: Craft, flag: Flag) -> None:
     if flag is Flag.CLIMBED:
         fence.after_takeoff(fleet, craft)
     if flag is Flag.LIFTED:
@@ -286,21 +288,21 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
         returning.arrived(fleet, craft)
 
 
-def _on_hold(fleet: Fleet, craft: Craft) -> None:
+def _on_hold_timer(fleet: Fleet, craft: Craft) -> None:
     if craft.mode == Mode.AUTO:
         navigator.waited(fleet, craft)
     elif craft.mode == Mode.RTL:
         returning.waited(fleet, craft)
 
 
-def _on_landed(fleet: Fleet, craft: Craft) -> None:
+def _on_landed_timer(fleet: Fleet, craft: Craft) -> None:
     if craft.mode == Mode.AUTO:
         navigator.settled(fleet, craft)
     elif craft.mode in (Mode.LAND, Mode.RTL):
         disarm(fleet, craft, "landed", craft.mode_causes)
 
 
-def _on_idle(fleet: Fleet, craft: Craft) -> None:
+def _on_disarm_timer(fleet: Fleet, craft: Craft) -> None:
     if not (fleet.armed(craft) and fleet.landed(craft)):
         return
     if sticks_in.throttle(fleet, craft) > 0.0:  # a raised throttle postpones it (auto_disarm_check)
@@ -311,9 +313,9 @@ def _on_idle(fleet: Fleet, craft: Craft) -> None:
 
 _TIMERS: dict[Timer, Callable[[Fleet, Craft], None]] = {
     Timer.UPLOAD: mission_protocol.on_timer,
-    Timer.HOLD: _on_hold,
-    Timer.LANDED: _on_landed,
-    Timer.IDLE: _on_idle,
+    Timer.HOLD: _on_hold_timer,
+    Timer.LANDED: _on_landed_timer,
+    Timer.IDLE: _on_disarm_timer,
     Timer.STALE: targets.stale,
     Timer.PARAMS: parameter_protocol.on_timer,
     Timer.STICKS: piloting.on_timer,
@@ -321,19 +323,19 @@ _TIMERS: dict[Timer, Callable[[Fleet, Craft], None]] = {
 }
 
 
-def _check(name: str, specs: Sequence[VehicleSpec]) -> None:
+def _check_specs(name: str, specs: Sequence[VehicleSpec]) -> None:
     """Raise `InputError` with everything that is wrong with the specs."""
-    faults = []
+    problems = []
     if not specs:
-        faults.append(Fault("vehicles", "none", "at least one vehicle"))
+        problems.append(Fault("vehicles", "none", "at least one vehicle"))
     for spec in specs:
         if spec.airframe not in AIRFRAMES:
-            faults.append(
+            problems.append(
                 Fault(f"{spec.vehicle} airframe", spec.airframe, "a known airframe", nearest(spec.airframe, AIRFRAMES))
             )
         if not 1 <= spec.system_id <= 250:
-            faults.append(Fault(f"{spec.vehicle} system_id", str(spec.system_id), "1 to 250"))
+            problems.append(Fault(f"{spec.vehicle} system_id", str(spec.system_id), "1 to 250"))
         if not all(math.isfinite(part) for part in (*spec.home_enu_m, spec.heading_deg)):
-            faults.append(Fault(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
-    if faults:
-        raise InputError(f"builtin autopilot {name}", faults)
+            problems.append(Fault(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
+    if problems:
+        raise InputError(f"builtin autopilot {name}", problems)

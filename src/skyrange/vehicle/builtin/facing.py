@@ -9,17 +9,17 @@ from skyrange.vehicle.builtin.fleet import Craft, Fleet
 from skyrange.vehicle.builtin.layout import Heading
 
 _RATE_MAX_RADPS = 20.0  # faster than any ATC_SLEW_YAW: keeps an absurd request finite
-_TURNED_RAD = math.radians(2.0)
+_YAW_REACHED_RAD = math.radians(2.0)
 
 Vector = tuple[float, float, float]
 
 
 def default(fleet: Fleet, craft: Craft, returning: bool = False) -> None:
     """Set the mode that WP_YAW_BEHAVIOR selects (`set_mode_to_default`)."""
-    set_kind(fleet, craft, _default(fleet, craft, returning))
+    set_kind(fleet, craft, _default_mode(fleet, craft, returning))
 
 
-def _default(fleet: Fleet, craft: Craft, returning: bool) -> Heading:
+def _default_mode(fleet: Fleet, craft: Craft, returning: bool) -> Heading:
     behaviour = int(fleet.param(craft, "WP_YAW_BEHAVIOR"))
     if behaviour == 0 or (behaviour == 2 and returning):
         return Heading.HOLD
@@ -28,7 +28,7 @@ def _default(fleet: Fleet, craft: Craft, returning: bool) -> Heading:
 
 def as_armed(fleet: Fleet, craft: Craft) -> None:
     """Above home, turn to the yaw at arming, unless WP_YAW_BEHAVIOR never turns (RTL's `loiterathome_start`)."""
-    if _default(fleet, craft, True) == Heading.HOLD:
+    if _default_mode(fleet, craft, True) == Heading.HOLD:
         set_kind(fleet, craft, Heading.HOLD)
         return
     row, flight = craft.row, fleet.flight
@@ -40,7 +40,7 @@ def as_armed(fleet: Fleet, craft: Craft) -> None:
 def is_as_armed(fleet: Fleet, craft: Craft) -> bool:
     """Whether that turn is complete, to 2°, or none was requested (`loiterathome_run`)."""
     off = math.remainder(float(fleet.estimate["yaw"][craft.row]) - craft.armed_yaw, 2.0 * math.pi)
-    return kind(fleet, craft) != Heading.ANGLE_RATE or abs(off) <= _TURNED_RAD
+    return kind(fleet, craft) != Heading.ANGLE_RATE or abs(off) <= _YAW_REACHED_RAD
 
 
 def set_kind(fleet: Fleet, craft: Craft, kind: Heading) -> None:

@@ -28,11 +28,11 @@ class Kind(IntFlag):
 
 
 ALL: Final = Kind.ALT_MAX | Kind.CIRCLE | Kind.POLYGON | Kind.ALT_MIN
-_ARMING = Kind.ALT_MAX | Kind.CIRCLE | Kind.POLYGON
+_ARMING_TYPES = Kind.ALT_MAX | Kind.CIRCLE | Kind.POLYGON
 _NAMES = {Kind.ALT_MAX: "Max Alt", Kind.CIRCLE: "Circle", Kind.POLYGON: "Polygon", Kind.ALT_MIN: "Min Alt"}
-_BY_HAND_ON, _BY_HAND_OFF = 1, 2
-_OPTION_HOLD_MODE = 1  # OPTIONS::DISABLE_MODE_CHANGE
-_OPTION_UNION = 2  # OPTIONS::INCLUSION_UNION
+_MANUALLY_ENABLED, _MANUALLY_DISABLED = 1, 2
+_OPTION_DISABLE_MODE_CHANGE = 1  # OPTIONS::DISABLE_MODE_CHANGE
+_OPTION_INCLUSION_UNION = 2  # OPTIONS::INCLUSION_UNION
 _AUTO_TAKEOFF = (1, 2)
 _AUTO_ARMED = 3
 
@@ -68,7 +68,7 @@ def enable(fleet: Fleet, craft: Craft, on: bool, kinds: int, by_hand: bool = Tru
     before = int(boundary["enabled"][row])
     after = before | kinds if on else before & ~kinds
     if by_hand and kinds & Kind.ALT_MIN:
-        boundary["floor"][row] = _BY_HAND_ON if on else _BY_HAND_OFF
+        boundary["floor"][row] = _MANUALLY_ENABLED if on else _MANUALLY_DISABLED
     boundary["enabled"][row] = after
     changed = before ^ after
     if not on:
@@ -99,7 +99,7 @@ def on_arming(fleet: Fleet, craft: Craft) -> None:
     """Enable the fence on arming (FENCE_AUTOENABLE 3)."""
     if fleet.param(craft, "FENCE_AUTOENABLE") == _AUTO_ARMED:
         fleet.boundary["floor"][craft.row] = 0
-        tell(fleet, craft, "auto-enabled", enable(fleet, craft, True, _ARMING, by_hand=False))
+        tell(fleet, craft, "auto-enabled", enable(fleet, craft, True, _ARMING_TYPES, by_hand=False))
 
 
 def on_disarming(fleet: Fleet, craft: Craft) -> None:
@@ -126,7 +126,7 @@ def holds_mode(fleet: Fleet, craft: Craft) -> bool:
     """Whether FENCE_OPTIONS forbids another mode until the breach is over ("in fence recovery")."""
     row = craft.row
     return (
-        bool(int(fleet.param(craft, "FENCE_OPTIONS")) & _OPTION_HOLD_MODE)
+        bool(int(fleet.param(craft, "FENCE_OPTIONS")) & _OPTION_DISABLE_MODE_CHANGE)
         and bool(fleet.boundary["enabled"][row])
         and bool(fleet.boundary["breached"][row])
         and craft.mode_reason == "fence_breached"
@@ -153,7 +153,7 @@ def allows(fleet: Fleet, craft: Craft, place: tuple[float, float, float]) -> boo
 
 def out_of_zones(fleet: Fleet, craft: Craft, east: float, north: float) -> bool:
     """Whether a place breaches the polygons and circles."""
-    union = bool(int(fleet.param(craft, "FENCE_OPTIONS")) & _OPTION_UNION)
+    union = bool(int(fleet.param(craft, "FENCE_OPTIONS")) & _OPTION_INCLUSION_UNION)
     return bool(outside(fleet.zones[craft.row], east, north, union)[0])
 
 
@@ -190,11 +190,11 @@ def troubles(fleet: Fleet, rows: NDArray[np.int64], located: NDArray[np.bool_]) 
             "Polygon fence margin is greater than inclusion circle radius",
         ),
         (watched & (radius < margin), "Circle FENCE_MARGIN is greater than FENCE_RADIUS"),
-        (watched & (boundary["breached"][rows] != 0), _breaching(fleet)),
+        (watched & (boundary["breached"][rows] != 0), _breach_text(fleet)),
         (watched & (high < low), "FENCE_ALT_MAX < FENCE_ALT_MIN"),
         (watched & (high - low <= 2.0 * margin), "FENCE_MARGIN too big"),
     ]
 
 
-def _breaching(fleet: Fleet) -> Any:
+def _breach_text(fleet: Fleet) -> Any:
     return lambda craft: f"Vehicle breaching {names(int(fleet.boundary['breached'][craft.row]))}"

@@ -57,7 +57,7 @@ def _in_polygon(z: Any, first: int, size: int, east: float, north: float) -> boo
 
 
 @kernel
-def _to_edge(z: Any, first: int, size: int, east: float, north: float) -> float:
+def _edge_distance(z: Any, first: int, size: int, east: float, north: float) -> float:
     """Return the distance to the nearest edge, m (`Polygon_closest_distance_point`)."""
     least = 1e30
     for k in range(size):
@@ -93,7 +93,7 @@ def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float
         if z.kind[k] != _POLYGON_IN:
             continue
         inclusions += 1
-        edge = _to_edge(z, z.first[k], z.size[k], east, north)
+        edge = _edge_distance(z, z.first[k], z.size[k], east, north)
         if _in_polygon(z, z.first[k], z.size[k], east, north):
             far = max(far, -edge)
         else:
@@ -102,7 +102,7 @@ def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float
     for k in range(z.count):
         if z.kind[k] != _POLYGON_OUT:
             continue
-        edge = _to_edge(z, z.first[k], z.size[k], east, north)
+        edge = _edge_distance(z, z.first[k], z.size[k], east, north)
         if _in_polygon(z, z.first[k], z.size[k], east, north):
             return True, edge
         far = max(far, -edge)

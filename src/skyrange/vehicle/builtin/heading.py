@@ -22,7 +22,7 @@ _ANGLE_RATE = int(Heading.ANGLE_RATE)
 _RATE = int(Heading.RATE)
 _CIRCLE = int(Heading.CIRCLE)
 _LOOK_AHEAD_MPS = 1.0  # YAW_LOOK_AHEAD_MIN_SPEED
-_MOVING = 0.05  # of the speed limit: calculate_yaw_and_rate_yaw
+_MIN_SPEED_SHARE = 0.05  # of the speed limit: calculate_yaw_and_rate_yaw
 
 
 @kernel
@@ -44,7 +44,7 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
         vel_e = f.ref_vel[0]
         vel_n = f.ref_vel[1]
         square = vel_e * vel_e + vel_n * vel_n
-        least = _MOVING * f.speed_xy
+        least = _MIN_SPEED_SHARE * f.speed_xy
         if square > least * least and square > 0.0:
             f.target_yaw = math.atan2(vel_n, vel_e)
             return False, f.target_yaw, (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
@@ -53,7 +53,7 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
         f.target_yaw = yaw_of(f.att[0], f.att[1], f.att[2], f.att[3])
         return False, f.target_yaw, 0.0
     if kind == _ROI:
-        f.target_yaw = _towards(f, e, f.roi[0], f.roi[1])
+        f.target_yaw = _yaw_towards(f, e, f.roi[0], f.roi[1])
     elif kind == _FIXED:
         step = clamp(f.turn_left, -dt_s * f.turn_rate, dt_s * f.turn_rate)
         f.turn_left -= step
@@ -72,7 +72,7 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
 
 
 @kernel
-def _towards(f: Any, e: Any, east: float, north: float) -> float:
+def _yaw_towards(f: Any, e: Any, east: float, north: float) -> float:
     d_e = east - e.pos[0]
     d_n = north - e.pos[1]
     if d_e * d_e + d_n * d_n < 1e-6:

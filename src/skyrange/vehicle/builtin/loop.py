@@ -70,27 +70,27 @@ def _spool(e: Any, f: Any, p: Any, out: Any, i: int, dt_s: float) -> bool:
         return True
     f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
     f.throttle = 0.0
-    _spin(out, i, f.spool * p.MOT_SPIN_MIN)
+    _set_all_motors(out, i, f.spool * p.MOT_SPIN_MIN)
     return False
 
 
 @kernel
-def _spin(out: Any, i: int, command: float) -> None:
+def _set_all_motors(out: Any, i: int, command: float) -> None:
     for motor in range(out.shape[1]):
         out[i, motor] = command
 
 
 @kernel
-def _idle(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
+def _idle_motors(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
     """Move towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
     step = dt_s / p.MOT_SPOOL_TIME
     armed = min(p.MOT_SPIN_ARM / p.MOT_SPIN_MIN, 1.0) if p.MOT_SPIN_MIN > 0.0 else 0.0
     f.spool = min(max(armed, f.spool - step), f.spool + step)
-    _spin(out, i, f.spool * p.MOT_SPIN_MIN)
+    _set_all_motors(out, i, f.spool * p.MOT_SPIN_MIN)
 
 
 @kernel
-def _stand(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
+def _hold_level(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
     """Hold level at a given throttle on the ground, before lift-off."""
     f.throttle = throttle
     f.att_rate[0] = 0.0
@@ -110,7 +110,7 @@ def _lift_off(f: Any) -> None:
 
 
 @kernel
-def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
+def _run_takeoff(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
     """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
     if not _spool(e, f, p, out, i, dt_s):
         return
@@ -120,7 +120,7 @@ def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None
         f.att[1] = 0.0
         f.att[2] = 0.0
         f.att[3] = e.quat[3] / level
-    _stand(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
+    _hold_level(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
     if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
         f.throttle_i = f.throttle - p.MOT_THST_HOVER
         _lift_off(f)
@@ -133,21 +133,21 @@ def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: floa
         if sticks.throttle_zero(f, dt_s):
             f.throttle = 0.0
             take_reference(e, f)
-            _idle(f, p, out, i, dt_s)
+            _idle_motors(f, p, out, i, dt_s)
         elif _spool(e, f, p, out, i, dt_s):
             _lift_off(f)
     elif sticks.climb_rate(f, p) > 0.0:
         sticks.throttle_zero(f, dt_s)
-        _rise(e, f, p, g, out, i, dt_s)
+        _run_takeoff(e, f, p, g, out, i, dt_s)
     else:
         sticks.throttle_zero(f, dt_s)
         f.throttle = 0.0
         take_reference(e, f)
-        _idle(f, p, out, i, dt_s)
+        _idle_motors(f, p, out, i, dt_s)
 
 
 @kernel
-def _soften(e: Any, f: Any, dt_s: float) -> None:
+def _soften_for_landing(e: Any, f: Any, dt_s: float) -> None:
     """Release the lean that opposes wind and position error (AC_PosControl `soften_for_landing_NE`).
 
     ArduCopter does so only once its landing criteria have been met, and only stops the integral. In a wind that takes
@@ -160,7 +160,7 @@ def _soften(e: Any, f: Any, dt_s: float) -> None:
 
 
 @kernel
-def _touch(e: Any, f: Any, dt_s: float) -> None:
+def _update_detectors(e: Any, f: Any, dt_s: float) -> None:
     """Update the landing and crash detectors.
 
     Landed: minimum throttle, at rest and level for a second. Crashed: two seconds far from the target attitude.
@@ -179,7 +179,7 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
         and e.height < _LAND_HEIGHT_M
     )
     if pressed:
-        _soften(e, f, dt_s)
+        _soften_for_landing(e, f, dt_s)
     still = pressed and f.tilt_target < _LAND_TILT_RAD and f.tilt_error < _LAND_TILT_ERROR_RAD
     thrown = (
         f.tilt_error > _LAND_TILT_ERROR_RAD
@@ -199,7 +199,7 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
 
 
 @kernel
-def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
+def _run_slow_control(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
     """Run the slow part of control: reference, position and height controllers, and the attitude that they request."""
     control = f.control
     guide(e, f, w, p, dt_s)
@@ -270,10 +270,10 @@ def turn(
         g: Any = tuned[which[i]]
         f.slow_s += dt_s
         if control == _IDLE:
-            _idle(f, settings[which[i]], out, i, dt_s)
+            _idle_motors(f, settings[which[i]], out, i, dt_s)
         elif f.landed == 1:
             if control == _TAKEOFF or (control == _ATTITUDE and f.want_climb > 0.0):
-                _rise(e, f, settings[which[i]], g, out, i, dt_s)
+                _run_takeoff(e, f, settings[which[i]], g, out, i, dt_s)
             elif control >= _STABILIZE:
                 _wait_for_pilot(e, f, settings[which[i]], g, out, i, dt_s)
             else:
@@ -284,7 +284,7 @@ def turn(
             if slow:
                 slow_s = f.slow_s if f.slow_s < 2.0 * SLOW_S else max(SLOW_S, dt_s)
                 f.slow_s = 0.0
-                _steer(e, f, legs[i], settings[which[i]], g, slow_s)
+                _run_slow_control(e, f, legs[i], settings[which[i]], g, slow_s)
             if control != _STABILIZE:
                 f.throttle = lift(e, f, g)
                 if f.rates_only == 0 or control != _ATTITUDE:
@@ -300,13 +300,13 @@ def turn(
                 f.rate_i[1] = 0.0
                 f.rate_i[2] = 0.0
                 attitude.start(e, f)
-                _spin(out, i, settings[which[i]].MOT_SPIN_ARM)
+                _set_all_motors(out, i, settings[which[i]].MOT_SPIN_ARM)
             else:
                 f.throttle = sticks.throttle(f, settings[which[i]])
                 attitude.advance(f, dt_s)
                 out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, False, False)
             if slow:
-                _touch(e, f, slow_s)
+                _update_detectors(e, f, slow_s)
         if f.flags & ~before:
             flagged += 1
     return flagged

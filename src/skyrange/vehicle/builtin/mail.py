@@ -19,12 +19,12 @@ from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW
 
 _HEARTBEAT: Final = kind_of(dialect.MAVLINK_MSG_ID_HEARTBEAT)
-_SYSTEM: Final = 5  # offset of the sender's system id in a frame
-_STATION: Final = INDEX["SYSID_MYGCS"]
+_SYSTEM_ID_OFFSET: Final = 5  # offset of the sender's system id in a frame
+_GCS_INDEX: Final = INDEX["SYSID_MYGCS"]
 
 
 @kernel
-def _take(
+def _mark_heartbeats(
     now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, kinds: NDArray[np.int32], extras: Ints,
     crcs: NDArray[np.uint16], stations: Ints, systems: Ints, heard_ns: Ints, single: NDArray[np.bool_],
 ) -> None:  # fmt: skip
@@ -34,7 +34,7 @@ def _take(
         at = starts[row]
         single[row] = True
         if kind_at(data, at, sizes[row], kinds, extras, crcs) == _HEARTBEAT:
-            sender = data[at + _SYSTEM]
+            sender = data[at + _SYSTEM_ID_OFFSET]
             if sender == stations[place] and sender != systems[place]:
                 heard_ns[place] = max(now, 1)
                 single[row] = False
@@ -46,11 +46,11 @@ def take_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
     Same effect as `failsafes.ground_station.on_heartbeat` for one heartbeat. Heartbeats of other senders remain,
     because they may have to be refused.
     """
-    column = fleet.stored[:, _STATION]
-    stations = np.clip(column, LOW[_STATION], HIGH[_STATION]).astype(np.int64)
+    column = fleet.stored[:, _GCS_INDEX]
+    stations = np.clip(column, LOW[_GCS_INDEX], HIGH[_GCS_INDEX]).astype(np.int64)
     single = np.empty(len(mail.payloads), dtype=np.bool_)
     payloads = mail.payloads
-    _take(
+    _mark_heartbeats(
         fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *TABLES, stations, fleet.systems,
         fleet.watch["station_ns"], single,
     )  # fmt: skip

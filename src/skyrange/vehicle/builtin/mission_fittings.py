@@ -51,10 +51,10 @@ TOLD: Final = frozenset((mav.MAV_CMD_DO_MOUNT_CONTROL, FENCE_ENABLE, mav.MAV_CMD
 
 def kept(command: int, values: Sequence[float]) -> tuple[float, ...]:
     """Return the seven numbers of such an item as ArduPilot stores them; a value that is not a number becomes 0."""
-    return tuple(_kept(kind, value) for kind, value in zip(FITTINGS[command], values, strict=True))
+    return tuple(_stored_field(kind, value) for kind, value in zip(FITTINGS[command], values, strict=True))
 
 
-def _kept(kind: str, value: float) -> float:
+def _stored_field(kind: str, value: float) -> float:
     if kind == "-" or not math.isfinite(value):
         return 0.0
     if kind == "f":

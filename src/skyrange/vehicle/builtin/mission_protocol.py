@@ -28,12 +28,12 @@ RETRY_NS = NS_PER_S
 GIVE_UP_NS = 8 * NS_PER_S
 
 
-def _begin(craft: Craft, upload: Upload, count: int | None) -> None:
+def _begin_mission(craft: Craft, upload: Upload, count: int | None) -> None:
     if count is not None:
         del craft.mission[count:]
 
 
-def _put(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
+def _store_item(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
     """Store an item at its place, replacing or appending; return the result code."""
     result, slot = slot_of(message, causes)
     if slot is None:
@@ -52,7 +52,7 @@ def _put(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
     return result
 
 
-def _done(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
+def _complete_mission(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
     """Report that the mission is complete, and inform AUTO."""
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Flight plan received")
     fleet.note("event.mission", craft, {"items": len(craft.mission)}, causes)
@@ -60,7 +60,7 @@ def _done(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
     return int(ACCEPTED)
 
 
-def _clear(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+def _clear_mission(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
     """Remove the mission. While armed, a running mission is kept (AP_Mission::clear)."""
     if fleet.armed(craft) and craft.mission_state == MissionState.ACTIVE:
         return False
@@ -72,7 +72,7 @@ def _clear(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
     return True
 
 
-def _message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
+def _mission_message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
     """Return one item as a message; home can always be read."""
     return item_message(fleet, craft, seq, partner, whole) if seq == 0 or seq < len(craft.mission) else None
 
@@ -82,100 +82,102 @@ _MISSION = ItemKind(
     most=MAX_ITEMS,
     timeout="Mission upload timeout",
     items=lambda craft: craft.mission,
-    begin=_begin,
-    put=_put,
-    complete=_done,
+    begin=_begin_mission,
+    put=_store_item,
+    complete=_complete_mission,
     stopped=navigator.changed,
-    message=_message,
-    clear=_clear,
+    message=_mission_message,
+    clear=_clear_mission,
 )
 KINDS = {kind.number: kind for kind in (_MISSION, FENCE, RALLY)}
 """Item types by MAV_MISSION_TYPE."""
 
 
-def _ack(fleet: Fleet, craft: Craft, partner: Partner, result: int, kind: int, causes: Causes = ()) -> None:
+def _send_ack(fleet: Fleet, craft: Craft, partner: Partner, result: int, kind: int, causes: Causes = ()) -> None:
     fleet.send(craft, dialect.MAVLink_mission_ack_message(*partner, result, kind), causes)
 
 
-def _kind(fleet: Fleet, craft: Craft, message: Any, partner: Partner) -> ItemKind | None:
+def _item_type(fleet: Fleet, craft: Craft, message: Any, partner: Partner) -> ItemKind | None:
     """Return the item type that a message is about; refuse an unknown one."""
     kind = KINDS.get(message.mission_type)
     if kind is None:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)
     return kind
 
 
-def _busy(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
+def _deny_during_upload(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
     """Whether an upload is in progress, which a download or partial write must not disturb; refuse the request then."""
     busy = craft.uploads[kind.number].active
     if busy:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
     return busy
 
 
-def _cancel(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
+def _cancel_upload(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
     """End the peer's own upload; `False` and a denial where another peer is uploading."""
     upload = craft.uploads[kind.number]
     if upload.active and upload.partner != partner:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
         return False
-    _end(fleet, craft, kind)
+    _end_upload(fleet, craft, kind)
     return True
 
 
-def _end(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
+def _end_upload(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
     craft.uploads[kind.number] = Upload()
-    _await(fleet, craft)
+    _set_retry_timer(fleet, craft)
 
 
-def _await(fleet: Fleet, craft: Craft) -> None:
+def _set_retry_timer(fleet: Fleet, craft: Craft) -> None:
     """Set the timer to when the first requested item is overdue."""
     due = (upload.asked_ns + RETRY_NS for upload in craft.uploads if upload.active)
     fleet.timer(craft, Timer.UPLOAD, min(due, default=NEVER))
 
 
-def _request(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
+def _request_item(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
     """Request the next item."""
     upload = craft.uploads[kind.number]
     fleet.send(craft, dialect.MAVLink_mission_request_message(*upload.partner, upload.next, kind.number))
     upload.asked_ns = fleet.now
-    _await(fleet, craft)
+    _set_retry_timer(fleet, craft)
 
 
-def _open(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, span: tuple[int, int], whole: bool) -> None:
+def _start_upload(
+    fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, span: tuple[int, int], whole: bool
+) -> None:
     """Start to request the items of a span (first, last)."""
     upload = Upload(True, span[0], span[1], partner, fleet.now)
     craft.warned -= {(kind.number, old) for old in old_items.WARNINGS}
     craft.uploads[kind.number] = upload
     kind.begin(craft, upload, span[1] + 1 if whole else None)
-    _request(fleet, craft, kind)
+    _request_item(fleet, craft, kind)
 
 
 def on_count(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
     """MISSION_COUNT: start an upload. Items of a mission or rally points beyond its end are removed at once."""
-    kind = _kind(fleet, craft, message, partner)
-    if kind is None or not _cancel(fleet, craft, partner, kind):
+    kind = _item_type(fleet, craft, message, partner)
+    if kind is None or not _cancel_upload(fleet, craft, partner, kind):
         return
     if message.count > kind.most:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_NO_SPACE, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_NO_SPACE, kind.number)
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Only {kind.most} items are supported")
     elif message.count == 0:
         kind.begin(craft, craft.uploads[kind.number], 0)
-        _complete(fleet, craft, partner, kind, causes)
+        _complete_upload(fleet, craft, partner, kind, causes)
     else:
-        _open(fleet, craft, partner, kind, (0, message.count - 1), True)
+        _start_upload(fleet, craft, partner, kind, (0, message.count - 1), True)
 
 
 def on_write_partial(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
     """MISSION_WRITE_PARTIAL_LIST: start an upload of the items from start to end; the rest stays."""
-    kind = _kind(fleet, craft, message, partner)
-    if kind is None or _busy(fleet, craft, partner, kind):
+    kind = _item_type(fleet, craft, message, partner)
+    if kind is None or _deny_during_upload(fleet, craft, partner, kind):
         return
     if not 0 <= message.start_index <= message.end_index <= len(kind.items(craft)):
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Flight plan update rejected")
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
         return
-    _open(fleet, craft, partner, kind, (message.start_index, message.end_index), False)
+    _start_upload(fleet, craft, partner, kind, (message.start_index, message.end_index), False)
 
 
 def on_item(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
@@ -183,51 +185,51 @@ def on_item(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: 
     old = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM
     bad = old_items.bad_place(message) if old else None
     if bad is not None:  # it cannot be converted to MISSION_ITEM_INT: the upload continues without it
-        _ack(fleet, craft, partner, bad, message.mission_type)
+        _send_ack(fleet, craft, partner, bad, message.mission_type)
         return
     if message.mission_type == dialect.MAV_MISSION_TYPE_MISSION and message.current in old_items.MARKS:
-        _ack(fleet, craft, partner, old_items.obey(fleet, craft, message, causes), message.mission_type)
+        _send_ack(fleet, craft, partner, old_items.obey(fleet, craft, message, causes), message.mission_type)
         return
-    kind = _kind(fleet, craft, message, partner)
+    kind = _item_type(fleet, craft, message, partner)
     if kind is None:
         return
     if old:
         old_items.warn(fleet, craft, message, kind.number)
     upload = craft.uploads[kind.number]
     if not upload.active:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
         return
     if message.seq != upload.next:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
         return
     if partner != upload.partner:
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
         return
     result = kind.put(craft, upload, message, causes)
     if result != ACCEPTED:
-        _end(fleet, craft, kind)
-        _ack(fleet, craft, partner, result, kind.number)
+        _end_upload(fleet, craft, kind)
+        _send_ack(fleet, craft, partner, result, kind.number)
         return
     upload.received_ns = fleet.now
     upload.next += 1
     if upload.next > upload.last:
-        _complete(fleet, craft, partner, kind, causes)
+        _complete_upload(fleet, craft, partner, kind, causes)
     else:
-        _request(fleet, craft, kind)
+        _request_item(fleet, craft, kind)
 
 
-def _complete(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, causes: Causes) -> None:
+def _complete_upload(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, causes: Causes) -> None:
     """Finish an upload whose items have all arrived."""
     upload = craft.uploads[kind.number]
-    _end(fleet, craft, kind)
+    _end_upload(fleet, craft, kind)
     result = kind.complete(fleet, craft, upload, causes)
-    _ack(fleet, craft, partner, result, kind.number, causes)
+    _send_ack(fleet, craft, partner, result, kind.number, causes)
 
 
 def on_request_list(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
     """MISSION_REQUEST_LIST: answer with the number of items."""
-    kind = _kind(fleet, craft, message, partner)
-    if kind is not None and not _busy(fleet, craft, partner, kind):
+    kind = _item_type(fleet, craft, message, partner)
+    if kind is not None and not _deny_during_upload(fleet, craft, partner, kind):
         count = len(kind.items(craft))
         fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, count, kind.number))
 
@@ -235,7 +237,7 @@ def on_request_list(fleet: Fleet, craft: Craft, message: Any, partner: Partner, 
 def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
     """MISSION_REQUEST_INT or MISSION_REQUEST: send one item, or the count for a number beyond the end."""
     kind = KINDS.get(message.mission_type)  # an unknown type gets no answer
-    if kind is None or _busy(fleet, craft, partner, kind):
+    if kind is None or _deny_during_upload(fleet, craft, partner, kind):
         return
     whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
     item = kind.message(fleet, craft, message.seq, partner, whole)
@@ -243,7 +245,7 @@ def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, cause
         if whole:
             count = len(kind.items(craft))
             fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, count, kind.number))
-        _ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
+        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
         return
     if not whole:
         old_items.warn(fleet, craft, message, kind.number)
@@ -252,12 +254,12 @@ def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, cause
 
 def on_clear_all(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
     """MISSION_CLEAR_ALL: remove all items of one type; MAV_MISSION_TYPE_ALL is refused, as by ArduPilot."""
-    kind = _kind(fleet, craft, message, partner)
+    kind = _item_type(fleet, craft, message, partner)
     if kind is None:
         return
-    mine = _cancel(fleet, craft, partner, kind)  # during another peer's upload: a denial, then an error
+    mine = _cancel_upload(fleet, craft, partner, kind)  # during another peer's upload: a denial, then an error
     result = ACCEPTED if mine and kind.clear(fleet, craft, causes) else dialect.MAV_MISSION_ERROR
-    _ack(fleet, craft, partner, result, kind.number, causes)
+    _send_ack(fleet, craft, partner, result, kind.number, causes)
 
 
 def on_set_current(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
@@ -276,10 +278,10 @@ def on_timer(fleet: Fleet, craft: Craft) -> None:
         if not upload.active or fleet.now - upload.asked_ns < RETRY_NS:
             continue
         if fleet.now - upload.received_ns > GIVE_UP_NS:
-            _end(fleet, craft, kind)
+            _end_upload(fleet, craft, kind)
             fleet.text(craft, dialect.MAV_SEVERITY_WARNING, kind.timeout)
-            _ack(fleet, craft, upload.partner, dialect.MAV_MISSION_OPERATION_CANCELLED, kind.number)
+            _send_ack(fleet, craft, upload.partner, dialect.MAV_MISSION_OPERATION_CANCELLED, kind.number)
             kind.stopped(fleet, craft)
         else:
-            _request(fleet, craft, kind)
-    _await(fleet, craft)
+            _request_item(fleet, craft, kind)
+    _set_retry_timer(fleet, craft)

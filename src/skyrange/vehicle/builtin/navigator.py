@@ -29,13 +29,13 @@ from skyrange.vehicle.builtin.mission_kinds import (
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.sequence import MAX_ITEMS, next_navigation, resolve
 
-_AGAIN_NS = NS_PER_S
+_MIN_REPEAT_NS = NS_PER_S
 """Minimum time before an item can be reached again: a loop of jumps between places already reached does not spin."""
-_LOOK_AHEAD = 3  # mis_change_detect_cmd_max
-_TEXTS = 30
+_CHANGE_DETECT_COMMANDS = 3  # mis_change_detect_cmd_max
+_MAX_JUMP_TEXTS = 30
 """Jumps that are reported at once: the length of ArduPilot's queue of texts (GCS.h `_status_capacity`)."""
-_TOLD = frozenset((WAYPOINT, SPLINE, TIME))
-_AFTER_LANDING = frozenset((TAKEOFF, DELAY))
+_REPORTED_COMMANDS = frozenset((WAYPOINT, SPLINE, TIME))
+_GROUND_COMMANDS = frozenset((TAKEOFF, DELAY))
 """Commands that continue a mission on the ground: a take-off, or a delay between a landing and a take-off."""
 
 
@@ -77,9 +77,9 @@ def update(fleet: Fleet, craft: Craft) -> None:
     """Start the current item if the mission runs, the motors are armed and none has been started."""
     if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and fleet.armed(craft):
         if craft.flown is None:
-            _advance(fleet, craft, craft.current or 1)
+            _advance_nav_command(fleet, craft, craft.current or 1)
         elif craft.ready and craft.flown.command == TAKEOFF and fleet.control(craft) == Control.IDLE:
-            _begin(fleet, craft, craft.flown)
+            _start_nav_command(fleet, craft, craft.flown)
 
 
 def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
@@ -94,7 +94,7 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
     craft.stage = Stage.NONE
     fleet.timer(craft, Timer.HOLD)
     if craft.mission_state == MissionState.ACTIVE and craft.mode == Mode.AUTO and fleet.armed(craft):
-        _advance(fleet, craft, seq)
+        _advance_nav_command(fleet, craft, seq)
         return craft.flown is not None
     found = next_navigation(craft, seq)
     if found is None:
@@ -114,23 +114,23 @@ def changed(fleet: Fleet, craft: Craft) -> None:
     if craft.current >= len(craft.mission):
         reset(craft)
         if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and not craft.sees_mission:
-            _complete(fleet, craft)
+            _exit_mission(fleet, craft)
             return
         auto_rtl.look(fleet, craft)
-    if craft.mode != Mode.AUTO or craft.flown is None or _ahead(craft) == craft.ahead:
+    if craft.mode != Mode.AUTO or craft.flown is None or _upcoming_commands(craft) == craft.ahead:
         return
-    if craft.flown.command in _TOLD and craft.mission_state == MissionState.ACTIVE:
+    if craft.flown.command in _REPORTED_COMMANDS and craft.mission_state == MissionState.ACTIVE:
         fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto mission changed, restarted command")
         fleet.timer(craft, Timer.HOLD)
         craft.flown = None
-        _advance(fleet, craft, craft.current)
+        _advance_nav_command(fleet, craft, craft.current)
 
 
-def _ahead(craft: Craft) -> tuple[object, ...]:
+def _upcoming_commands(craft: Craft) -> tuple[object, ...]:
     """Return the contents of the navigation command in progress and of the two after it."""
     found: list[object] = []
     seq: int | None = craft.current
-    for _ in range(_LOOK_AHEAD):
+    for _ in range(_CHANGE_DETECT_COMMANDS):
         seq = None if seq is None else next_navigation(craft, seq)
         if seq is None:
             break
@@ -145,14 +145,14 @@ def on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
     """Process an event of the loop (arrival, end of a climb, landing) while AUTO flies a command."""
     slot = craft.flown
     if slot is not None and flown_items.on_flag(fleet, craft, slot, flag):
-        _reached(fleet, craft, slot)
+        _complete_command(fleet, craft, slot)
 
 
 def waited(fleet: Fleet, craft: Craft) -> None:
     """Process the end of a wait: at a waypoint, above home, or before another check."""
     slot = craft.flown
     if slot is not None and flown_items.waited(fleet, craft, slot):
-        _reached(fleet, craft, slot)
+        _complete_command(fleet, craft, slot)
 
 
 def settled(fleet: Fleet, craft: Craft) -> None:
@@ -161,33 +161,33 @@ def settled(fleet: Fleet, craft: Craft) -> None:
     if slot is None:
         return
     following = next_navigation(craft, craft.current + 1)
-    if slot.command == RTL or (following is not None and craft.mission[following].command in _AFTER_LANDING):
-        _reached(fleet, craft, slot)
+    if slot.command == RTL or (following is not None and craft.mission[following].command in _GROUND_COMMANDS):
+        _complete_command(fleet, craft, slot)
     else:
         disarm(fleet, craft, "landed", slot.causes)
 
 
-def _reached(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+def _complete_command(fleet: Fleet, craft: Craft, slot: Slot) -> None:
     """Report that the current command is complete, and start the next."""
     seq = craft.current
-    again = craft.reached.get(seq, -_AGAIN_NS) + _AGAIN_NS
+    again = craft.reached.get(seq, -_MIN_REPEAT_NS) + _MIN_REPEAT_NS
     if fleet.now < again:
         fleet.timer(craft, Timer.HOLD, again)
         return
     craft.reached[seq] = fleet.now
-    _tell(fleet, craft)
+    _report_reached(fleet, craft)
     if slot.command != TO_ALT:  # verify_command returns before it reports this
         craft.untold = seq
-    if slot.command in _TOLD:
+    if slot.command in _REPORTED_COMMANDS:
         fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Reached command #{seq}")
     fleet.note("event.item_reached", craft, {"seq": seq, "command": slot.command}, slot.causes)
     craft.flown = None
     craft.stage = Stage.NONE
-    _advance(fleet, craft, seq + 1)
-    _tell(fleet, craft)
+    _advance_nav_command(fleet, craft, seq + 1)
+    _report_reached(fleet, craft)
 
 
-def _tell(fleet: Fleet, craft: Craft) -> None:
+def _report_reached(fleet: Fleet, craft: Craft) -> None:
     """Send MISSION_ITEM_REACHED, unless a DO command completed in the same pass has replaced the number.
 
     ArduPilot keeps one number until it is sent (`GCS::send_mission_item_reached_message`), and `AP_Mission::update`
@@ -198,7 +198,7 @@ def _tell(fleet: Fleet, craft: Craft) -> None:
         craft.untold = 0
 
 
-def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
+def _advance_nav_command(fleet: Fleet, craft: Craft, seq: int) -> None:
     """Find the next navigation command and start it, with the DO commands before it; else complete the mission.
 
     The first DO command runs before the navigation command starts, the others after, as in advance_current_nav_cmd.
@@ -209,7 +209,7 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
     def jumped(jump: int, made: int, times: int) -> None:
         nonlocal jumps
         jumps += 1
-        if jumps <= _TEXTS:
+        if jumps <= _MAX_JUMP_TEXTS:
             most = "unlimited" if times < 0 else str(times)
             fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
 
@@ -222,13 +222,13 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
         if slot.command in NAVIGATION:
             craft.current = place
             craft.flown = slot
-            craft.ahead = _ahead(craft)
+            craft.ahead = _upcoming_commands(craft)
             fleet.timer(craft, Timer.HOLD)
             do_items.announce(fleet, craft, place)
-            if not _begin(fleet, craft, slot):
-                _reached(fleet, craft, slot)
+            if not _start_nav_command(fleet, craft, slot):
+                _complete_command(fleet, craft, slot)
             elif first and craft.flown is slot:
-                _go_on(fleet, craft, first)
+                _run_do_commands(fleet, craft, first)
             auto_rtl.look(fleet, craft)
             return
         if not first:
@@ -236,20 +236,20 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
             if slot.command not in CONDITIONS:
                 do_items.start(fleet, craft, place)
         seq = place + 1
-    _complete(fleet, craft)
+    _exit_mission(fleet, craft)
 
 
-def _go_on(fleet: Fleet, craft: Craft, first: int) -> None:
+def _run_do_commands(fleet: Fleet, craft: Craft, first: int) -> None:
     """Run the DO commands from the first on, which has already run unless it is a condition."""
     if craft.mission[first].command in CONDITIONS:
         do_items.run(fleet, craft, first)
     else:
         do_items.done(fleet, craft, first)
-        _tell(fleet, craft)
+        _report_reached(fleet, craft)
         do_items.run(fleet, craft, first + 1)
 
 
-def _begin(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
+def _start_nav_command(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
     """Start a navigation command, given the two that follow it; `False` where it is complete at once."""
     if slot.command in (LAND, TAKEOFF):
         craft.in_landing = slot.command == LAND
@@ -265,10 +265,10 @@ def go_on(fleet: Fleet, craft: Craft) -> None:
     """End a pause: continue to the current command along a leg from the point of rest (ModeAuto::resume)."""
     if craft.paused and craft.flown is not None:
         craft.paused = False
-        _begin(fleet, craft, craft.flown)
+        _start_nav_command(fleet, craft, craft.flown)
 
 
-def _complete(fleet: Fleet, craft: Craft) -> None:
+def _exit_mission(fleet: Fleet, craft: Craft) -> None:
     """End the mission when no command is left: hold in the air, disarm on the ground (ModeAuto::exit_mission)."""
     craft.mission_state = MissionState.COMPLETE
     craft.in_landing = craft.paused = False

@@ -23,7 +23,7 @@ WARNINGS: Final = {
     dialect.MAVLINK_MSG_ID_MISSION_REQUEST: "got MISSION_REQUEST; use MISSION_REQUEST_INT!",
 }
 """Texts sent about deprecated messages, once per upload."""
-_PLACED: Final = LOCATED | {
+_LOCATION_COMMANDS: Final = LOCATED | {
     dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
@@ -37,7 +37,7 @@ _LAT_MAX_DEG, _LON_MAX_DEG = 90.0, 180.0
 
 def bad_place(message: Any) -> int | None:
     """Return the MAV_MISSION_RESULT of a MISSION_ITEM whose degrees are invalid, else `None`."""
-    if message.command not in _PLACED:
+    if message.command not in _LOCATION_COMMANDS:
         return None
     if not abs(message.x) <= _LAT_MAX_DEG:
         return int(dialect.MAV_MISSION_INVALID_PARAM5_X)

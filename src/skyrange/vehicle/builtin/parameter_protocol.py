@@ -20,10 +20,10 @@ from skyrange.vehicle.builtin.parameters import IN_KERNELS, INDEX, PARAMETERS, h
 
 BANNER: Final = ("ArduCopter V4.6.0-dev (skyrange)", "Frame: QUAD/X")
 """The texts that precede a list, as in ArduCopter (`send_banner`)."""
-_BATCH = 5
+_VALUES_PER_BATCH = 5
 _PAUSE_NS = 10 * NS_PER_MS
 """A list is sent at five values every 10 ms, the pace of a serial line (`queued_param_send`)."""
-_SET_INDEX = 0xFFFF
+_NO_INDEX = 0xFFFF
 
 
 def send_banner(fleet: Fleet, craft: Craft) -> None:
@@ -41,9 +41,9 @@ def on_list(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], 
 
 def on_timer(fleet: Fleet, craft: Craft) -> None:
     """Send the next values of the list."""
-    last = min(craft.params_next + _BATCH, len(PARAMETERS))
+    last = min(craft.params_next + _VALUES_PER_BATCH, len(PARAMETERS))
     for index in range(craft.params_next, last):
-        _tell(fleet, craft, index, index, PARAMETERS[index].name)
+        _send_value(fleet, craft, index, index, PARAMETERS[index].name)
     craft.params_next = last
     if last < len(PARAMETERS):
         fleet.timer(craft, Timer.PARAMS, fleet.now + _PAUSE_NS)
@@ -54,12 +54,12 @@ def on_read(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], 
     index = message.param_index
     if index != -1:
         if 0 <= index < len(PARAMETERS):
-            _tell(fleet, craft, index, index, PARAMETERS[index].name)
+            _send_value(fleet, craft, index, index, PARAMETERS[index].name)
         return
     name = clean_name(message.param_id)
     known = nominal(name)
     if known in INDEX:
-        _tell(fleet, craft, INDEX[known], _SET_INDEX, name)
+        _send_value(fleet, craft, INDEX[known], _NO_INDEX, name)
 
 
 def on_set(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
@@ -77,7 +77,7 @@ def on_set(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], c
     if known in IN_KERNELS:
         fleet.settings[known][row] = held(parameter, value)
     fleet.note("event.parameter", craft, {"name": known, "value": value}, causes)
-    _tell(fleet, craft, index, _SET_INDEX, name, causes)
+    _send_value(fleet, craft, index, _NO_INDEX, name, causes)
 
 
 def clean_name(raw: object) -> str:
@@ -87,7 +87,7 @@ def clean_name(raw: object) -> str:
     return str(raw).split("\0", 1)[0]
 
 
-def _tell(fleet: Fleet, craft: Craft, index: int, told_index: int, name: str, causes: Causes = ()) -> None:
+def _send_value(fleet: Fleet, craft: Craft, index: int, told_index: int, name: str, causes: Causes = ()) -> None:
     """Send PARAM_VALUE of the parameter at `index`, under the requested name and in its unit."""
     parameter = PARAMETERS[index]
     value = float(fleet.stored[craft.row, index])

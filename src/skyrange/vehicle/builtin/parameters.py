@@ -293,18 +293,18 @@ INDEX: Final = {parameter.name: index for index, parameter in enumerate(PARAMETE
 LOW: Final = np.array([parameter.low for parameter in PARAMETERS], dtype=np.float64)
 HIGH: Final = np.array([parameter.high for parameter in PARAMETERS], dtype=np.float64)
 
-_HOT = ("ANGLE_MAX", "ATC_", "LAND_", "LOIT_", "MOT_", "PILOT_", "PSC_", "TKOFF_", "WP")
+_LOOP_PREFIXES = ("ANGLE_MAX", "ATC_", "LAND_", "LOIT_", "MOT_", "PILOT_", "PSC_", "TKOFF_", "WP")
 """Parameters read in every step come first in the record and side by side, so that the rest costs no cache lines."""
-_AT_MESSAGES = ("SR0_", "SYSID_")
+_MESSAGE_PREFIXES = ("SR0_", "SYSID_")
 """Parameters that only messages read are not in the record."""
 
 
-def _in_kernels() -> tuple[str, ...]:
-    names = [parameter.name for parameter in PARAMETERS if not parameter.name.startswith(_AT_MESSAGES)]
-    return tuple(sorted(names, key=lambda name: (not name.startswith(_HOT), name)))
+def _settings_names() -> tuple[str, ...]:
+    names = [parameter.name for parameter in PARAMETERS if not parameter.name.startswith(_MESSAGE_PREFIXES)]
+    return tuple(sorted(names, key=lambda name: (not name.startswith(_LOOP_PREFIXES), name)))
 
 
-IN_KERNELS: Final = _in_kernels()
+IN_KERNELS: Final = _settings_names()
 SETTINGS: Final = np.dtype([(name, "f8") for name in IN_KERNELS])
 """The parameters of one aircraft as a record, limited to their ranges."""
 
@@ -326,12 +326,12 @@ def stored(parameter: Parameter, value: float) -> float:
     """Return a finite value as ArduPilot stores it (AP_Param::set_float): single precision, or a truncated integer."""
     limits = _LIMITS.get(parameter.kind)
     if limits is None:
-        return float(np.float32(min(max(value, -_MOST), _MOST)))
+        return float(np.float32(min(max(value, -_MAX_FLOAT32), _MAX_FLOAT32)))
     nudged = value + (0.01 if value >= 0.0 else -0.01)
     return float(math.trunc(min(max(nudged, limits[0]), limits[1])))
 
 
-_MOST = float(np.finfo(np.float32).max)
+_MAX_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 def hover_throttle(airframe: Airframe) -> float:
@@ -360,26 +360,26 @@ def start_values(who: str, airframe: Airframe, system_id: int, given: Mapping[st
     values["MOT_THST_HOVER"] = hover_throttle(airframe)
     values["MOT_THST_EXPO"] = airframe.thrust_expo
     values["SYSID_THISMAV"] = system_id
-    faults = []
+    problems = []
     taken: dict[str, str] = {}
     for name, value in given.items():
         known = nominal(name)
         parameter = PARAMETERS[INDEX[known]] if known in INDEX else None
         told = f"{name} ({known})" if known != name else name
         if parameter is None:
-            faults.append(Fault(name, str(value), "a parameter of the builtin autopilot", nearest(name, INDEX)))
+            problems.append(Fault(name, str(value), "a parameter of the builtin autopilot", nearest(name, INDEX)))
         elif known in taken:
-            faults.append(Fault(told, str(value), f"given once; {taken[known]} is the same parameter"))
+            problems.append(Fault(told, str(value), f"given once; {taken[known]} is the same parameter"))
         elif not (math.isfinite(value) and parameter.low <= to_nominal(name, value) <= parameter.high):
             low, high = from_nominal(name, parameter.low), from_nominal(name, parameter.high)
-            faults.append(Fault(told, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
+            problems.append(Fault(told, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
         elif known == "SYSID_THISMAV":
-            faults.append(Fault(told, str(value), "the vehicle's system_id, which sets it"))
+            problems.append(Fault(told, str(value), "the vehicle's system_id, which sets it"))
         else:
             values[known] = to_nominal(name, value)
         taken.setdefault(known, name)
-    if faults:
-        raise InputError(f"params of {who}", faults)
+    if problems:
+        raise InputError(f"params of {who}", problems)
     return np.array([stored(parameter, values[parameter.name]) for parameter in PARAMETERS])
 
 

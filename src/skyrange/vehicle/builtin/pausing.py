@@ -16,14 +16,14 @@ from skyrange.vehicle.builtin.layout import Control, Heading
 from skyrange.vehicle.builtin.mission_kinds import LAND, SPLINE, TIME, UNLIM, WAYPOINT
 from skyrange.vehicle.builtin.modes import Mode
 
-_LEGS: Final = frozenset((WAYPOINT, SPLINE, UNLIM, TIME, LAND))
+_LEG_COMMANDS: Final = frozenset((WAYPOINT, SPLINE, UNLIM, TIME, LAND))
 """Commands flown in ModeAuto's sub-mode WP."""
-_BENEATH: Final = ("control", "target_vel", "target_acc", "heading", "target_yaw", "target_yaw_rate")
+_SUSPENDED_FIELDS: Final = ("control", "target_vel", "target_acc", "heading", "target_yaw", "target_yaw_rate")
 """Fields that a pause overwrites."""
 
 
-def _on_leg(fleet: Fleet, craft: Craft) -> bool:
-    return craft.flown is not None and craft.flown.command in _LEGS and fleet.control(craft) == Control.LEG
+def _is_on_leg(fleet: Fleet, craft: Craft) -> bool:
+    return craft.flown is not None and craft.flown.command in _LEG_COMMANDS and fleet.control(craft) == Control.LEG
 
 
 def pause(fleet: Fleet, craft: Craft) -> bool:
@@ -31,7 +31,7 @@ def pause(fleet: Fleet, craft: Craft) -> bool:
     if craft.mode == Mode.GUIDED:
         craft.paused = True
     elif craft.mode == Mode.AUTO and not craft.paused:
-        craft.paused = _on_leg(fleet, craft) and not fleet.legs["reached"][craft.row]
+        craft.paused = _is_on_leg(fleet, craft) and not fleet.legs["reached"][craft.row]
         stay(fleet, craft)
     return craft.paused
 
@@ -39,7 +39,7 @@ def pause(fleet: Fleet, craft: Craft) -> bool:
 def stay(fleet: Fleet, craft: Craft) -> None:
     """Keep a command that has just started paused, unless it cannot be paused."""
     if craft.paused and craft.mode == Mode.AUTO:
-        craft.paused = _on_leg(fleet, craft)
+        craft.paused = _is_on_leg(fleet, craft)
         if craft.paused:
             fleet.fly(craft, Control.VELOCITY)
 
@@ -57,6 +57,6 @@ def settle(fleet: Fleet, craft: Craft) -> None:
     if not craft.paused or craft.mode != Mode.GUIDED or not fleet.armed(craft):
         return
     row = craft.row
-    craft.beneath = tuple((name, fleet.flight[name][row].copy()) for name in _BENEATH)
+    craft.beneath = tuple((name, fleet.flight[name][row].copy()) for name in _SUSPENDED_FIELDS)
     facing.set_kind(fleet, craft, Heading.HOLD)
     fleet.fly(craft, Control.IDLE if fleet.landed(craft) else Control.VELOCITY)

@@ -19,27 +19,27 @@ _IGNORED, _UNSET = 65535, 32767
 
 def on_override(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
     """RC_CHANNELS_OVERRIDE: microseconds per channel; 0 releases a channel, 65535 leaves it unchanged."""
-    if not _may(fleet, craft, partner):
+    if not _accepts_override(fleet, craft, partner):
         return
     for channel in range(CHANNELS):
         value = getattr(message, f"chan{channel + 1}_raw")
         if value != _IGNORED:
-            _override(fleet, craft, channel, value)
-    _apply(fleet, craft, causes)
+            _set_override(fleet, craft, channel, value)
+    _update_overrides(fleet, craft, causes)
 
 
 def on_manual_control(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
     """MANUAL_CONTROL: x forward, y right and r -1000…1000, z 0…1000, not negative. 32767 releases an axis."""
-    if message.target != craft.system_id or not _may(fleet, craft, partner) or message.z < 0:
+    if message.target != craft.system_id or not _accepts_override(fleet, craft, partner) or message.z < 0:
         return
     axes = ((message.y, 1000, 2000), (-message.x, 1000, 2000), (message.z, 0, 1000), (message.r, 1000, 2000))
     for channel, (value, offset, scale) in enumerate(axes):
         us = MIN_US + (MAX_US - MIN_US) * (value + offset) // scale
-        _override(fleet, craft, channel, 0 if abs(value) == _UNSET else us)
-    _apply(fleet, craft, causes)
+        _set_override(fleet, craft, channel, 0 if abs(value) == _UNSET else us)
+    _update_overrides(fleet, craft, causes)
 
 
-def _may(fleet: Fleet, craft: Craft, partner: tuple[int, int]) -> bool:
+def _accepts_override(fleet: Fleet, craft: Craft, partner: tuple[int, int]) -> bool:
     """Whether overrides of this sender count: only SYSID_MYGCS may move the sticks.
 
     For the failsafe they count as heartbeats.
@@ -50,7 +50,7 @@ def _may(fleet: Fleet, craft: Craft, partner: tuple[int, int]) -> bool:
     return fleet.param(craft, "RC_OVERRIDE_TIME") != 0.0
 
 
-def _override(fleet: Fleet, craft: Craft, channel: int, us: int) -> None:
+def _set_override(fleet: Fleet, craft: Craft, channel: int, us: int) -> None:
     if us == 0:
         craft.overrides.pop(channel, None)
     else:
@@ -59,10 +59,10 @@ def _override(fleet: Fleet, craft: Craft, channel: int, us: int) -> None:
 
 def on_timer(fleet: Fleet, craft: Craft) -> None:
     """Release overrides that were not repeated for RC_OVERRIDE_TIME."""
-    _apply(fleet, craft, ())
+    _update_overrides(fleet, craft, ())
 
 
-def _apply(fleet: Fleet, craft: Craft, causes: Causes) -> None:
+def _update_overrides(fleet: Fleet, craft: Craft, causes: Causes) -> None:
     """Drop expired overrides and update the sticks."""
     holds_s = fleet.param(craft, "RC_OVERRIDE_TIME")
     end = NEVER

@@ -26,17 +26,17 @@ Words = str | Callable[[Craft], str]
 Reason = tuple[Mask, Words]
 """Which rows fail, and the text: a string, or a function of the aircraft that makes one."""
 
-_TELL_NS = 30 * NS_PER_S  # PREARM_DISPLAY_PERIOD
-_TELL_SOON_NS = 4 * NS_PER_S
-_QUIET = 1  # ARMING_OPTIONS bit 0: DISABLE_PREARM_DISPLAY
+_DISPLAY_PERIOD_NS = 30 * NS_PER_S  # PREARM_DISPLAY_PERIOD
+_URGENT_PERIOD_NS = 4 * NS_PER_S
+_DISABLE_DISPLAY = 1  # ARMING_OPTIONS bit 0: DISABLE_PREARM_DISPLAY
 _FIX_3D = 3
 _GNSS_LOST_S = 4.0  # AP_GPS.h GPS_TIMEOUT_MS
-_GNSS_APART_M = 10.0  # AP_ARMING_AHRS_GPS_ERROR_MAX
-_BARO_APART_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
+_MAX_GPS_AHRS_ERROR_M = 10.0  # AP_ARMING_AHRS_GPS_ERROR_MAX
+_MAX_ALT_DISPARITY_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
 _FIELD_MIN_MGAUSS, _FIELD_MAX_MGAUSS = 185, 875  # AP_ARMING_COMPASS_MAGFIELD_MIN, …_MAX
-_BY_BARO = int(dialect.EKF_PRED_POS_HORIZ_ABS)
-_BY_OTHER = int(dialect.EKF_PRED_POS_HORIZ_REL)
-_LEVEL_KINDS = int(fence.Kind.CIRCLE | fence.Kind.POLYGON)
+_PRED_POS_ABS = int(dialect.EKF_PRED_POS_HORIZ_ABS)
+_PRED_POS_REL = int(dialect.EKF_PRED_POS_HORIZ_REL)
+_HORIZONTAL_TYPES = int(fence.Kind.CIRCLE | fence.Kind.POLYGON)
 
 
 class Bit(IntFlag):
@@ -86,32 +86,32 @@ def view(fleet: Fleet, rows: NDArray[np.int64]) -> View:
         np.array([mode in mode_traits.MANUAL_THROTTLE for mode in modes], dtype=bool),
         np.array([mode == Mode.AUTO for mode in modes], dtype=bool),
         position.known(fleet, rows),
-        kinds & _LEVEL_KINDS != 0,
+        kinds & _HORIZONTAL_TYPES != 0,
     )
 
 
-def _station(fleet: Fleet, seen: View) -> list[Reason]:
+def _gcs_failsafe_check(fleet: Fleet, seen: View) -> list[Reason]:
     return [(fleet.watch["station_lost"][seen.rows] != 0, "GCS failsafe on")]
 
 
-def _height(fleet: Fleet, seen: View) -> list[Reason]:
+def _alt_checks(fleet: Fleet, seen: View) -> list[Reason]:
     return [(~seen.by_hand & ~position.height_known(fleet, seen.rows), "Need Alt Estimate")]
 
 
-def _baro(fleet: Fleet, seen: View) -> list[Reason]:
+def _barometer_checks(fleet: Fleet, seen: View) -> list[Reason]:
     estimate, rows = fleet.estimate, seen.rows
     status = estimate["status"][rows]
-    by_baro = (status & _BY_OTHER == 0) & (status & _BY_BARO != 0)
-    apart = np.abs(estimate["pos"][rows, 2] - estimate["baro_up"][rows]) > _BARO_APART_M
+    by_baro = (status & _PRED_POS_REL == 0) & (status & _PRED_POS_ABS != 0)
+    apart = np.abs(estimate["pos"][rows, 2] - estimate["baro_up"][rows]) > _MAX_ALT_DISPARITY_M
     return [(seen.asked(Bit.BARO) & by_baro & apart, "Altitude disparity")]
 
 
-def _inertial(fleet: Fleet, seen: View) -> list[Reason]:
+def _ins_checks(fleet: Fleet, seen: View) -> list[Reason]:
     bad = fleet.estimate["status"][seen.rows] & position.ATTITUDE == 0
     return [(seen.asked(Bit.INS) & bad, "EKF attitude is bad")]
 
 
-def _compass(fleet: Fleet, seen: View) -> list[Reason]:
+def _compass_checks(fleet: Fleet, seen: View) -> list[Reason]:
     field = 1000.0 * np.sqrt((fleet.estimate["compass"][seen.rows] ** 2).sum(axis=1))
     odd = (field > _FIELD_MAX_MGAUSS) | (field < _FIELD_MIN_MGAUSS)
 
@@ -122,7 +122,7 @@ def _compass(fleet: Fleet, seen: View) -> list[Reason]:
     return [(seen.asked(Bit.COMPASS) & odd, words)]
 
 
-def _place(fleet: Fleet, seen: View) -> list[Reason]:
+def _gps_checks(fleet: Fleet, seen: View) -> list[Reason]:
     """`gps_checks`: the receiver, where a position is required; then the estimate (`mandatory_gps_checks`)."""
     estimate, rows = fleet.estimate, seen.rows
     asked = seen.asked(Bit.GPS) & (seen.by_position | seen.fenced)
@@ -138,13 +138,13 @@ def _place(fleet: Fleet, seen: View) -> list[Reason]:
     return [
         (asked & lost, "GPS 1: Bad fix"),
         (asked & (fleet.watch["located"][rows] == 0), "AHRS: waiting for home"),
-        (asked & (apart > _GNSS_APART_M), words),
-        *_estimate(fleet, seen),
+        (asked & (apart > _MAX_GPS_AHRS_ERROR_M), words),
+        *_mandatory_gps_checks(fleet, seen),
         (asked & rough, "High GPS HDOP"),
     ]
 
 
-def _estimate(fleet: Fleet, seen: View) -> list[Reason]:
+def _mandatory_gps_checks(fleet: Fleet, seen: View) -> list[Reason]:
     """`mandatory_gps_checks`, also run for forced arming."""
     estimate, rows = fleet.estimate, seen.rows
     status = estimate["status"][rows]
@@ -163,16 +163,16 @@ def _estimate(fleet: Fleet, seen: View) -> list[Reason]:
     ]
 
 
-def _charge(fleet: Fleet, seen: View) -> list[Reason]:
+def _battery_checks(fleet: Fleet, seen: View) -> list[Reason]:
     asked = seen.asked(Bit.BATTERY)
     return [(asked & bad, words) for bad, words in battery.troubles(fleet, seen.rows)]
 
 
-def _voltage(fleet: Fleet, seen: View) -> list[Reason]:
+def _battery_failsafe_check(fleet: Fleet, seen: View) -> list[Reason]:
     return [(seen.asked(Bit.VOLTAGE) & (fleet.power["tripped"][seen.rows] != 0), "Battery failsafe")]
 
 
-_REQUIRED: Final = {
+_REQUIRED_ITEMS: Final = {
     1: (int(dialect.MAV_CMD_NAV_LAND), "land"),
     4: (int(dialect.MAV_CMD_DO_LAND_START), "do land start"),
     8: (int(dialect.MAV_CMD_NAV_TAKEOFF), "takeoff"),
@@ -182,24 +182,24 @@ _REQUIRED: Final = {
 _REQUIRED_RALLY = 32
 
 
-def _mission(fleet: Fleet, seen: View) -> list[Reason]:
+def _mission_checks(fleet: Fleet, seen: View) -> list[Reason]:
     rows = seen.rows
     wanted = fleet.settings["ARMING_MIS_ITEMS"][rows].astype(np.int64)
     lacks, empty = np.zeros(rows.size, dtype=bool), np.zeros(rows.size, dtype=bool)
     missing: dict[int, str] = {}
     for place in np.flatnonzero(seen.asked(Bit.MISSION) & (wanted != 0)).tolist():
         row = int(rows[place])
-        missing[row] = _missing(fleet, row, int(wanted[place]))
+        missing[row] = _missing_item(fleet, row, int(wanted[place]))
         lacks[place] = bool(missing[row])
     for place in np.flatnonzero(seen.needs_mission).tolist():
         empty[place] = not fleet.crafts[rows[place]].sees_mission
     return [(lacks, lambda craft: missing[craft.row]), (empty, "Mode requires mission")]
 
 
-def _missing(fleet: Fleet, row: int, bits: int) -> str:
+def _missing_item(fleet: Fleet, row: int, bits: int) -> str:
     craft = fleet.crafts[row]
     commands = {slot.command for slot in craft.mission[1:]}
-    for bit, (command, name) in _REQUIRED.items():
+    for bit, (command, name) in _REQUIRED_ITEMS.items():
         if bits & bit and command not in commands:
             return f"Missing mission item: {name}"
     if bits & _REQUIRED_RALLY and rally.nearest(fleet, craft) is None:
@@ -207,30 +207,34 @@ def _missing(fleet: Fleet, row: int, bits: int) -> str:
     return ""
 
 
-def _fence(fleet: Fleet, seen: View) -> list[Reason]:
+def _fence_checks(fleet: Fleet, seen: View) -> list[Reason]:
     return list(fence.troubles(fleet, seen.rows, seen.located))
 
 
-def _remote_id(fleet: Fleet, seen: View) -> list[Reason]:
+def _opendroneid_checks(fleet: Fleet, seen: View) -> list[Reason]:
     return list(remote_id.troubles(fleet, seen.rows))
 
 
 CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
-    _station,
-    _height,
-    _baro,
-    _inertial,
-    _compass,
-    _place,
-    _charge,
-    _mission,
-    _voltage,
-    _fence,
-    _remote_id,
+    _gcs_failsafe_check,
+    _alt_checks,
+    _barometer_checks,
+    _ins_checks,
+    _compass_checks,
+    _gps_checks,
+    _battery_checks,
+    _mission_checks,
+    _battery_failsafe_check,
+    _fence_checks,
+    _opendroneid_checks,
 ]
 """In ArduPilot's order."""
 
-MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [_estimate, _height, _remote_id]
+MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
+    _mandatory_gps_checks,
+    _alt_checks,
+    _opendroneid_checks,
+]
 """Checks that are run even where ARMING_CHECK is 0 or arming is forced."""
 
 
@@ -243,18 +247,18 @@ def update(fleet: Fleet) -> None:
         return
     seen = view(fleet, rows)
     every = seen.bits != 0
-    found = _run(fleet, seen, CHECKS, every) + _run(fleet, seen, MANDATORY, ~every)
+    found = _run_selected(fleet, seen, CHECKS, every) + _run_selected(fleet, seen, MANDATORY, ~every)
     failing = np.zeros(rows.size, dtype=bool)
     for reasons in found:
         for bad, _ in reasons:
             failing |= bad
     told = fleet.now - watch["prearm_told_ns"][rows]
-    due = (told > _TELL_NS) | ((watch["prearm_urgent"][rows] != 0) & (told > _TELL_SOON_NS))
+    due = (told > _DISPLAY_PERIOD_NS) | ((watch["prearm_urgent"][rows] != 0) & (told > _URGENT_PERIOD_NS))
     watch["prearm_told_ns"][rows[due]] = fleet.now
     watch["prearm_urgent"][rows[due]] = 0
-    quiet = fleet.settings["ARMING_OPTIONS"][rows].astype(np.int64) & _QUIET != 0
+    quiet = fleet.settings["ARMING_OPTIONS"][rows].astype(np.int64) & _DISABLE_DISPLAY != 0
     for place in np.flatnonzero(failing & due & ~quiet).tolist():
-        _tell(fleet, fleet.crafts[rows[place]], place, found, "PreArm", ())
+        _send_failures(fleet, fleet.crafts[rows[place]], place, found, "PreArm", ())
     watch["prearm_urgent"][rows[failing & (watch["prearm_ok"][rows] != 0)]] = 1
     watch["prearm_ok"][rows] = ~failing
 
@@ -262,22 +266,22 @@ def update(fleet: Fleet) -> None:
 def report(fleet: Fleet, craft: Craft, causes: Causes) -> None:
     """Report what prevents arming, if anything does."""
     seen = view(fleet, np.array([craft.row]))
-    found = _run(fleet, seen, CHECKS if seen.bits[0] else MANDATORY, np.ones(1, dtype=bool))
-    _tell(fleet, craft, 0, found, "PreArm", causes)
+    found = _run_selected(fleet, seen, CHECKS if seen.bits[0] else MANDATORY, np.ones(1, dtype=bool))
+    _send_failures(fleet, craft, 0, found, "PreArm", causes)
 
 
 def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
     """Run the checks for an aircraft to be armed now and report failures; if `forced`, only the mandatory ones."""
     seen = view(fleet, np.array([craft.row]))
     few = forced or seen.bits[0] == 0
-    found = _run(fleet, seen, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
+    found = _run_selected(fleet, seen, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
     failing = any(bad[0] for reasons in found for bad, _ in reasons)
     if failing:
-        _tell(fleet, craft, 0, found, "Arm", causes)
+        _send_failures(fleet, craft, 0, found, "Arm", causes)
     return not failing
 
 
-def _run(
+def _run_selected(
     fleet: Fleet, seen: View, checks: Sequence[Callable[[Fleet, View], Sequence[Reason]]], where: Mask
 ) -> list[list[Reason]]:
     """Return the failures that checks find, restricted to `where`."""
@@ -286,7 +290,9 @@ def _run(
     return [[(bad & where, words) for bad, words in check(fleet, seen)] for check in checks]
 
 
-def _tell(fleet: Fleet, craft: Craft, place: int, found: list[list[Reason]], head: str, causes: Causes) -> None:
+def _send_failures(
+    fleet: Fleet, craft: Craft, place: int, found: list[list[Reason]], head: str, causes: Causes
+) -> None:
     """Send the first failure of every failing check as STATUSTEXT."""
     for reasons in found:
         words = next((words for bad, words in reasons if bad[place]), None)

@@ -19,7 +19,7 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
 
 _ENFORCE: Final = 1  # DID_OPTIONS bit 0: EnforceArming
-_AGE_NS: Final[Time] = 3 * NS_PER_S  # max_age_ms
+_MAX_AGE_NS: Final[Time] = 3 * NS_PER_S  # max_age_ms
 _GOOD: Final = int(dialect.MAV_ODID_ARM_STATUS_GOOD_TO_ARM)
 
 
@@ -39,18 +39,18 @@ def on_basic_id(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
 
 def on_system(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
     """OPEN_DRONE_ID_SYSTEM: store whether there is an operator location."""
-    _take_place(fleet, craft, message)
+    _store_operator_location(fleet, craft, message)
     fleet.watch["rid_system_ns"][craft.row] = max(fleet.now, 1)
 
 
 def on_system_update(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
     """OPEN_DRONE_ID_SYSTEM_UPDATE: a newer location, valid only after an OPEN_DRONE_ID_SYSTEM."""
-    _take_place(fleet, craft, message)
+    _store_operator_location(fleet, craft, message)
     if fleet.watch["rid_system_ns"][craft.row]:
         fleet.watch["rid_system_ns"][craft.row] = max(fleet.now, 1)
 
 
-def _take_place(fleet: Fleet, craft: Craft, message: Any) -> None:
+def _store_operator_location(fleet: Fleet, craft: Craft, message: Any) -> None:
     fleet.watch["rid_operator"][craft.row] = message.operator_latitude != 0 or message.operator_longitude != 0
 
 
@@ -61,11 +61,11 @@ def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> Iterator[tuple[NDArray[np
     yield asked & (settings["DID_ENABLE"][rows] == 0), "OpenDroneID: DID_ENABLE must be 1"
     yield asked & (watch["rid_id_type"][rows] == 0), "OpenDroneID: UA_TYPE required in BasicID"
     yield asked & (watch["rid_operator"][rows] == 0), "OpenDroneID: operator location must be set"
-    yield asked & _missing(fleet, watch["rid_ns"][rows]), "OpenDroneID: ARM_STATUS not available"
-    yield asked & _missing(fleet, watch["rid_system_ns"][rows]), "OpenDroneID: SYSTEM not available"
+    yield asked & _is_stale(fleet, watch["rid_ns"][rows]), "OpenDroneID: ARM_STATUS not available"
+    yield asked & _is_stale(fleet, watch["rid_system_ns"][rows]), "OpenDroneID: SYSTEM not available"
     yield asked & (watch["rid_status"][rows] != _GOOD), lambda craft: f"OpenDroneID: {craft.rid_error}"
 
 
-def _missing(fleet: Fleet, heard_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    missing: NDArray[np.bool_] = (heard_ns == 0) | (fleet.now - heard_ns > _AGE_NS)
+def _is_stale(fleet: Fleet, heard_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    missing: NDArray[np.bool_] = (heard_ns == 0) | (fleet.now - heard_ns > _MAX_AGE_NS)
     return missing

@@ -18,7 +18,7 @@ THROTTLE_MID = 0.484
 _CDEG = math.pi / 18_000.0
 _LEAN_MAX_RAD = math.radians(85.0)
 _LEAN_LIMIT_RAD = math.radians(10.0)
-_ZERO_S = 0.4  # THROTTLE_ZERO_DEBOUNCE_TIME_MS
+_THROTTLE_ZERO_DEBOUNCE_S = 0.4  # THROTTLE_ZERO_DEBOUNCE_TIME_MS
 _SPEED_MIN_MPS = 0.2  # LOITER_SPEED_MIN
 CORRECTION_MPS = 2.0
 """LOITER_VEL_CORRECTION_MAX."""
@@ -28,7 +28,7 @@ CORRECTION_MPS = 2.0
 def throttle_zero(f: Any, dt_s: float) -> bool:
     """Whether the throttle stick has been at the bottom for at least the debounce time (`set_throttle_zero_flag`)."""
     f.zero_s = 0.0 if f.sticks[3] > 0.0 else f.zero_s + dt_s
-    return bool(f.zero_s >= _ZERO_S)
+    return bool(f.zero_s >= _THROTTLE_ZERO_DEBOUNCE_S)
 
 
 @kernel
@@ -94,7 +94,7 @@ def loiter_angle(p: Any) -> float:
 
 
 @kernel
-def _angles(forward: float, left: float) -> tuple[float, float]:
+def _lean_angles(forward: float, left: float) -> tuple[float, float]:
     """Return the lean angles (right side down, nose down) of an acceleration, rad."""
     nose_down = math.atan(forward / GRAVITY_MPS2)
     return math.atan(-math.cos(nose_down) * left / GRAVITY_MPS2), nose_down
@@ -108,7 +108,7 @@ def loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """
     most = loiter_angle(p)
     forward, left = lean(e, f, most, p.ANGLE_MAX * _CDEG)
-    roll, pitch = _angles(forward, left)
+    roll, pitch = _lean_angles(forward, left)
     gain = 1.0 / max(p.ATC_INPUT_TC, 0.01)
     accel = p.ATC_ACCEL_R_MAX * _CDEG
     rate = sqrt_controller(roll - f.lean[0], gain, accel, dt_s)

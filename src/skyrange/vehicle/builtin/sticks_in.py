@@ -17,10 +17,10 @@ from skyrange.vehicle.builtin.modes import Mode
 MIN_US, MAX_US = 1000, 2000
 _MID_US = 1500
 _RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US, *[MIN_US] * (CHANNELS - 4))
-_DEAD_US = (20, 20, 30, 20)
+_DEAD_ZONES_US = (20, 20, 30, 20)
 """ArduCopter/radio.cpp `default_dead_zones`."""
 _THROTTLE = 2
-_HEIGHT_HELD = (Mode.ALT_HOLD, Mode.LOITER)
+_ALT_HOLD_MODES = (Mode.ALT_HOLD, Mode.LOITER)
 
 
 def place(fleet: Fleet, craft: Craft) -> None:
@@ -29,25 +29,25 @@ def place(fleet: Fleet, craft: Craft) -> None:
     fleet.channels[craft.row] = values
     stick = fleet.flight["sticks"][craft.row]
     for index, channel in enumerate((0, 1, 3)):
-        stick[index] = _norm(values[channel], _DEAD_US[channel])
-    low = MIN_US + _DEAD_US[_THROTTLE]
+        stick[index] = _norm_input(values[channel], _DEAD_ZONES_US[channel])
+    low = MIN_US + _DEAD_ZONES_US[_THROTTLE]
     thousandths = 1000 * (min(max(values[_THROTTLE], MIN_US), MAX_US) - low) // (MAX_US - low)
     stick[3] = max(thousandths, 0) / 1000.0
-    if not _moves_throttle(craft) and craft.mode in _HEIGHT_HELD:
+    if not _has_throttle_input(craft) and craft.mode in _ALT_HOLD_MODES:
         stick[3] = sticks.THROTTLE_MID  # no climb is requested (Copter::get_pilot_desired_climb_rate)
 
 
-def _moves_throttle(craft: Craft) -> bool:
+def _has_throttle_input(craft: Craft) -> bool:
     """Whether there is throttle input: without it ArduCopter's `has_valid_input` is false."""
     return _THROTTLE in craft.overrides
 
 
 def throttle(fleet: Fleet, craft: Craft) -> float:
     """Return the throttle stick, 0…1; at the bottom while nothing moves it."""
-    return float(fleet.flight["sticks"][craft.row, 3]) if _moves_throttle(craft) else 0.0
+    return float(fleet.flight["sticks"][craft.row, 3]) if _has_throttle_input(craft) else 0.0
 
 
-def _norm(us: int, dead_us: int) -> float:
+def _norm_input(us: int, dead_us: int) -> float:
     """Return -1…1 with a dead zone (RC_Channel::norm_input_dz)."""
     low, high = _MID_US - dead_us, _MID_US + dead_us
     if us > high:
@@ -72,7 +72,7 @@ def wants_climb(fleet: Fleet, craft: Craft) -> bool:
 
 def thrust(fleet: Fleet, craft: Craft) -> float:
     """Return the thrust that the throttle stick would give in STABILIZE."""
-    if not _moves_throttle(craft):
+    if not _has_throttle_input(craft):
         return 0.0
     row = craft.row
     return float(sticks.throttle(fleet.flight[row], fleet.settings[row]))

@@ -53,15 +53,15 @@ def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
     return ""
 
 
-def _hold(fleet: Fleet, craft: Craft) -> None:
+def _enter_hold(fleet: Fleet, craft: Craft) -> None:
     loop.hold(fleet.estimate, fleet.flight, craft.row)
     fleet.limits(craft)
     facing.set_kind(fleet, craft, Heading.HOLD)
     fleet.fly(craft, Control.VELOCITY)
 
 
-def _brake(fleet: Fleet, craft: Craft) -> None:
-    _hold(fleet, craft)
+def _enter_brake(fleet: Fleet, craft: Craft) -> None:
+    _enter_hold(fleet, craft)
     row = craft.row
     fleet.flight["accel_xy"][row] = _BRAKE_DECEL_MPS2
     fleet.flight["accel_z"][row] = _BRAKE_DECEL_MPS2
@@ -69,14 +69,14 @@ def _brake(fleet: Fleet, craft: Craft) -> None:
     fleet.flight["speed_down"][row] = _BRAKE_SPEED_Z_MPS
 
 
-def _land(fleet: Fleet, craft: Craft) -> None:
-    _hold(fleet, craft)
+def _enter_land(fleet: Fleet, craft: Craft) -> None:
+    _enter_hold(fleet, craft)
     craft.stage = Stage.LAND
     fleet.fly(craft, Control.LAND)
     fleet.flight["blind"][craft.row] = not position.ok(fleet, craft)
 
 
-def _pilot(fleet: Fleet, craft: Craft) -> None:
+def _enter_pilot_mode(fleet: Fleet, craft: Craft) -> None:
     """Let the pilot's sticks take over from the present state."""
     control = PILOTED[craft.mode]
     row, flight = craft.row, fleet.flight
@@ -100,15 +100,15 @@ def pilot_limits(fleet: Fleet, craft: Craft) -> None:
         flight["accel_xy"][row] = fleet.param(craft, "LOIT_ACC_MAX") * 0.01
 
 
-_ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
-    Mode.STABILIZE: _pilot,
-    Mode.ALT_HOLD: _pilot,
-    Mode.AUTO: _hold,
+_ENTRY_ACTIONS: dict[Mode, Callable[[Fleet, Craft], None]] = {
+    Mode.STABILIZE: _enter_pilot_mode,
+    Mode.ALT_HOLD: _enter_pilot_mode,
+    Mode.AUTO: _enter_hold,
     Mode.GUIDED: targets.halt,
-    Mode.LOITER: _pilot,
+    Mode.LOITER: _enter_pilot_mode,
     Mode.RTL: returning.start,
-    Mode.LAND: _land,
-    Mode.BRAKE: _brake,
+    Mode.LAND: _enter_land,
+    Mode.BRAKE: _enter_brake,
 }
 """What a flying aircraft does on entry; AUTO holds until its mission starts."""
 
@@ -123,7 +123,7 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
         return True
     mode = known(number)
     if mode is Mode.AUTO_RTL:
-        return _join_landing(fleet, craft, reason, causes)
+        return _enter_auto_rtl(fleet, craft, reason, causes)
     if mode is None:
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"No such mode {number}", causes)
         return False
@@ -147,12 +147,12 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     fence.mode_changed(fleet, craft)
     if armed and not fleet.landed(craft):
         fleet.flight["blind"][craft.row] = 0
-        _ENTER[mode](fleet, craft)
+        _ENTRY_ACTIONS[mode](fleet, craft)
     elif armed:
         fleet.limits(craft)
         fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is cancelled
         if mode in PILOTED:
-            _pilot(fleet, craft)
+            _enter_pilot_mode(fleet, craft)
         if mode == Mode.LAND:
             fleet.timer(craft, Timer.LANDED, fleet.now + from_seconds(fleet.param(craft, "MOT_SPOOL_TIME")))
         else:
@@ -162,27 +162,27 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     return True
 
 
-def _join_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
+def _enter_auto_rtl(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
     """Enter AUTO_RTL (`return_path_or_jump_to_landing_sequence_auto_RTL`)."""
     if landing_sequence.join(fleet, craft, causes):
-        return _land_by_mission(fleet, craft, reason, causes)
-    _no_landing(fleet, craft, "No return path or landing sequence found", causes)
+        return _fly_landing_sequence(fleet, craft, reason, causes)
+    _send_landing_refusal(fleet, craft, "No return path or landing sequence found", causes)
     return False
 
 
 def start_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
     """Jump to the nearest DO_LAND_START in any case (ModeAuto::jump_to_landing_sequence_auto_RTL)."""
     if landing_sequence.jump(fleet, craft, causes):
-        return _land_by_mission(fleet, craft, reason, causes)
-    _no_landing(fleet, craft, "No landing sequence found", causes)
+        return _fly_landing_sequence(fleet, craft, reason, causes)
+    _send_landing_refusal(fleet, craft, "No landing sequence found", causes)
     return False
 
 
-def _no_landing(fleet: Fleet, craft: Craft, why: str, causes: Causes) -> None:
+def _send_landing_refusal(fleet: Fleet, craft: Craft, why: str, causes: Causes) -> None:
     fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Mode change to AUTO RTL failed: {why}", causes)
 
 
-def _land_by_mission(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
+def _fly_landing_sequence(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
     """Fly the mission from its current item on, reported as AUTO_RTL (ModeAuto::enter_auto_rtl)."""
     if craft.mode != Mode.AUTO:
         craft.resumes = True

@@ -32,15 +32,15 @@ _BODY_FRAMES = frozenset((dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_OFF
 _RATES_IGNORE, _THRUST_IGNORE, _ATTITUDE_IGNORE = 0b111, 1 << 6, 1 << 7
 FAR_M = 1e6
 """Larger than any sensible local position: such a target counts as invalid."""
-_FAST_MPS = 1e3
+_MAX_VELOCITY_MPS = 1e3
 """GCS_MAVLINK_Copter::sane_vel_or_acc_vector."""
-_UNIT = 1e-3
-_SPIN_RADPS = 20.0
-_WAYPOINTS = 1 << 6  # GUID_OPTIONS: positions are flown as waypoints
-_MOVING = frozenset((Control.VELOCITY, Control.TRACK, Control.ACCEL, Control.ATTITUDE))
+_QUAT_NORM_TOLERANCE = 1e-3
+_MAX_RATE_RADPS = 20.0
+_OPTION_WPNAV = 1 << 6  # GUID_OPTIONS: positions are flown as waypoints
+_TIMED_CONTROLS = frozenset((Control.VELOCITY, Control.TRACK, Control.ACCEL, Control.ATTITUDE))
 
 Vector = tuple[float, float, float]
-_NONE: Vector = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
@@ -53,17 +53,17 @@ def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int],
         return
     position = velocity = accel = None
     if mask & _POS_IGNORE == 0:
-        position = _enu(fleet, craft, frame, message.x, message.y, message.z)
+        position = _to_enu(fleet, craft, frame, message.x, message.y, message.z)
         if frame != dialect.MAV_FRAME_LOCAL_NED:
             here = fleet.position(craft)
             position = (position[0] + here[0], position[1] + here[1], position[2] + here[2])
     if mask & _VEL_IGNORE == 0:
-        velocity = _enu(fleet, craft, frame, message.vx, message.vy, message.vz)
+        velocity = _to_enu(fleet, craft, frame, message.vx, message.vy, message.vz)
     if mask & _ACC_IGNORE == 0:
-        accel = _enu(fleet, craft, frame, message.afx, message.afy, message.afz)
+        accel = _to_enu(fleet, craft, frame, message.afx, message.afy, message.afz)
     yaw = None if mask & _YAW_IGNORE else message.yaw
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
-    _act(fleet, craft, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
+    _set_target(fleet, craft, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
 
 
 def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
@@ -84,11 +84,11 @@ def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int]
     yaw = None if mask & _YAW_IGNORE else message.yaw
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
     if position is not None and velocity is not None and accel is not None:
-        accel = _NONE  # set_destination_posvel has no acceleration
-    _act(fleet, craft, position, velocity, accel, (yaw, rate, False), causes, mask)
+        accel = _ZERO  # set_destination_posvel has no acceleration
+    _set_target(fleet, craft, position, velocity, accel, (yaw, rate, False), causes, mask)
 
 
-def _enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -> Vector:
+def _to_enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -> Vector:
     """Return a vector of the message as east, north, up."""
     if frame not in _BODY_FRAMES:
         return y, x, -z
@@ -101,7 +101,7 @@ def sane(vector: Vector | None, most: float) -> bool:
     return vector is None or all(abs(part) <= most for part in vector)
 
 
-def _act(
+def _set_target(
     fleet: Fleet,
     craft: Craft,
     position: Vector | None,
@@ -112,7 +112,7 @@ def _act(
     mask: int,
 ) -> None:
     """Fly the requested combination of fields; stop where it is invalid or has a value that is not a number."""
-    good = sane(position, FAR_M) and sane(velocity, _FAST_MPS) and sane(accel, _FAST_MPS)
+    good = sane(position, FAR_M) and sane(velocity, _MAX_VELOCITY_MPS) and sane(accel, _MAX_VELOCITY_MPS)
     good = good and all(part is None or math.isfinite(part) for part in yaw[:2])
     forced = bool(mask & _FORCE) and accel is not None
     alone = position is not None and velocity is None and accel is not None
@@ -123,24 +123,24 @@ def _act(
         return  # a place outside the fence changes nothing
     craft.target_causes = causes
     if position is not None and velocity is not None:
-        _begin(fleet, craft, Control.TRACK)
+        _start_control(fleet, craft, Control.TRACK)
         fleet.fly(craft, Control.TRACK, velocity)
         fleet.flight["target_pos"][craft.row] = position
     elif position is not None:
         go_to(fleet, craft, position)
     elif velocity is not None:
-        _begin(fleet, craft, Control.VELOCITY)
+        _start_control(fleet, craft, Control.VELOCITY)
         fleet.fly(craft, Control.VELOCITY, velocity)
     else:
-        _begin(fleet, craft, Control.ACCEL)
+        _start_control(fleet, craft, Control.ACCEL)
         fleet.fly(craft, Control.ACCEL)
     if accel is not None:
         fleet.flight["target_acc"][craft.row] = accel
-    _face(fleet, craft, *yaw)
-    _until_stale(fleet, craft)
+    _set_yaw(fleet, craft, *yaw)
+    _restart_timeout(fleet, craft)
 
 
-def _begin(fleet: Fleet, craft: Craft, control: Control) -> None:
+def _start_control(fleet: Fleet, craft: Craft, control: Control) -> None:
     """Start another kind of target from the present state, at the limits of the WPNAV parameters."""
     if fleet.control(craft) != control:
         loop.hold(fleet.estimate, fleet.flight, craft.row)
@@ -162,18 +162,18 @@ def order(fleet: Fleet, craft: Craft, position: Vector, causes: Causes) -> bool:
 
 def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:
     """Fly to a place and hold it."""
-    if int(fleet.param(craft, "GUID_OPTIONS")) & _WAYPOINTS:
+    if int(fleet.param(craft, "GUID_OPTIONS")) & _OPTION_WPNAV:
         anew = fleet.control(craft) != Control.LEG
         if anew:
             fleet.limits(craft)
         wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(position), anew)
         return
-    _begin(fleet, craft, Control.POSITION)
+    _start_control(fleet, craft, Control.POSITION)
     fleet.fly(craft, Control.POSITION)
     fleet.flight["target_pos"][craft.row] = position
 
 
-def _face(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, relative: bool) -> None:
+def _set_yaw(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, relative: bool) -> None:
     """Set the yaw target (ModeGuided::set_yaw_state_rad)."""
     if yaw is not None and relative:
         facing.turn(fleet, craft, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, True)
@@ -212,7 +212,7 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
     turned = not mask & _ATTITUDE_IGNORE
     given = mask & _RATES_IGNORE
     bad = bool(mask & _THRUST_IGNORE) or given not in (0, _RATES_IGNORE) or not math.isfinite(message.thrust)
-    bad = bad or (turned and not abs(math.fsum(part * part for part in quat) - 1.0) < _UNIT)
+    bad = bad or (turned and not abs(math.fsum(part * part for part in quat) - 1.0) < _QUAT_NORM_TOLERANCE)
     bad = bad or (given == 0 and not all(math.isfinite(part) for part in rates))
     if bad:
         stop(fleet, craft, causes)
@@ -236,11 +236,13 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
         fleet.fly(craft, Control.ATTITUDE)
     flight["want_climb"][row] = climb_mps
     flight["rates_only"][row] = int(not turned)
-    forward, right, down = (min(max(part, -_SPIN_RADPS), _SPIN_RADPS) for part in rates) if given == 0 else _NONE
+    forward, right, down = (
+        (min(max(part, -_MAX_RATE_RADPS), _MAX_RATE_RADPS) for part in rates) if given == 0 else _ZERO
+    )
     flight["want_rate"][row] = (forward, -right, -down)
     if turned:
         flight["want_quat"][row] = flu_enu(*quat)
-    _until_stale(fleet, craft)
+    _restart_timeout(fleet, craft)
 
 
 def flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
@@ -251,7 +253,7 @@ def flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float
     return a * scale, b * scale, c * scale, d * scale
 
 
-def _until_stale(fleet: Fleet, craft: Craft) -> None:
+def _restart_timeout(fleet: Fleet, craft: Craft) -> None:
     fleet.timer(craft, Timer.STALE, fleet.now + from_seconds(max(fleet.param(craft, "GUID_TIMEOUT"), 0.1)))
 
 
@@ -260,7 +262,7 @@ def stale(fleet: Fleet, craft: Craft) -> None:
     if craft.mode != Mode.GUIDED:
         return
     row, flight, control = craft.row, fleet.flight, fleet.control(craft)
-    if control not in (*_MOVING, Control.POSITION):
+    if control not in (*_TIMED_CONTROLS, Control.POSITION):
         return
     facing.stop_turning(fleet, craft)
     if control == Control.ATTITUDE:

@@ -16,7 +16,7 @@ Partner = tuple[int, int]
 """System id and component id of the other side."""
 
 
-_BEYOND = 200.0  # degrees
+_INVALID_DEG = 200.0  # degrees
 
 
 class ItemKind(NamedTuple):
@@ -57,7 +57,7 @@ def plain_kind(
 
     def message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
         slots = items(craft)
-        return _plain_message(number, slots[seq], seq, partner, whole) if seq < len(slots) else None
+        return _encode_simple_item(number, slots[seq], seq, partner, whole) if seq < len(slots) else None
 
     def stopped(fleet: Fleet, craft: Craft) -> None:
         pass
@@ -65,7 +65,7 @@ def plain_kind(
     return ItemKind(number, most, f"{name} upload timeout", items, begin, put, complete, stopped, message, clear)
 
 
-def _plain_message(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
+def _encode_simple_item(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
     """Return a stored item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; param1 is its only parameter."""
     head = (*partner, seq, slot.frame, slot.command, 0, 0, slot.param1, 0.0, 0.0, 0.0)
     if whole:
@@ -77,5 +77,8 @@ def lat_lon_e7(message: Any) -> tuple[int, int]:
     """Return latitude and longitude of an item in 1e-7 degrees; out of range where they are not numbers."""
     if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT:
         return message.x, message.y
-    lat, lon = (value if math.isfinite(value) and abs(value) < _BEYOND else _BEYOND for value in (message.x, message.y))
+    lat, lon = (
+        value if math.isfinite(value) and abs(value) < _INVALID_DEG else _INVALID_DEG
+        for value in (message.x, message.y)
+    )
     return round(lat * 1e7), round(lon * 1e7)

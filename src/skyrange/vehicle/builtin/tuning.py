@@ -29,7 +29,7 @@ class Tuning:
         names = sorted(set(airframes))
         self._names = names
         self._frames = np.array([names.index(name) for name in airframes], dtype=np.int64)
-        self._seen = b""
+        self._applied = b""
         self._dt_s = 0.0
         self.which: NDArray[np.int64] = np.zeros(len(airframes), dtype=np.int64)
         """(n,) row of each aircraft in `settings` and `gains`."""
@@ -43,9 +43,9 @@ class Tuning:
         if dt_s == self._dt_s and now % TUNE_NS != 0:
             return
         seen = self._settings.tobytes()
-        if dt_s == self._dt_s and seen == self._seen:
+        if dt_s == self._dt_s and seen == self._applied:
             return
-        self._seen, self._dt_s = seen, dt_s
+        self._applied, self._dt_s = seen, dt_s
         keys = np.hstack(
             [self._settings.view(np.uint8).reshape(len(self.which), -1), self._frames.view(np.uint8).reshape(-1, 8)]
         )

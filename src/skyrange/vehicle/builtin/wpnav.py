@@ -23,8 +23,8 @@ _LEG = int(Control.LEG)
 _ARRIVED = int(Flag.ARRIVED)
 _CDEG = math.pi / 18_000.0
 # AC_PosControl.cpp POSCONTROL_STOPPING_DIST_{UP,DOWN}_MAX_M
-_STOP_UP_M = 3.0
-_STOP_DOWN_M = 2.0
+_MAX_STOP_UP_M = 3.0
+_MAX_STOP_DOWN_M = 2.0
 
 
 @kernel
@@ -34,7 +34,7 @@ def stop_point(e: Any, f: Any, p: Any) -> tuple[float, float, float]:
     ahead_s = 0.0
     if speed > 1e-9:
         ahead_s = stopping_distance(min(speed, f.speed_xy), p.PSC_POSXY_P, f.accel_xy) / speed
-    rise = clamp(stopping_distance(e.vel[2], p.PSC_POSZ_P, f.accel_z), -_STOP_DOWN_M, _STOP_UP_M)
+    rise = clamp(stopping_distance(e.vel[2], p.PSC_POSZ_P, f.accel_z), -_MAX_STOP_DOWN_M, _MAX_STOP_UP_M)
     return e.pos[0] + e.vel[0] * ahead_s, e.pos[1] + e.vel[1] * ahead_s, e.pos[2] + rise
 
 
@@ -61,7 +61,7 @@ def begin(e: Any, f: Any, w: Any, p: Any) -> None:
 
 
 @kernel
-def _curve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:
+def _calculate_scurve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:
     """Compute a straight leg from a point within the limits in force (`calc_scurve_jerk_and_snap`)."""
     jerk = p.WPNAV_JERK
     snap = jerk * math.pi / (2.0 * max(p.ATC_INPUT_TC, 0.1))
@@ -72,7 +72,7 @@ def _curve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> N
 
 
 @kernel
-def _start(e: Any, f: Any, w: Any, p: Any) -> None:
+def _init_unless_active(e: Any, f: Any, w: Any, p: Any) -> None:
     if w.reached == 0 or f.control != _LEG:
         begin(e, f, w, p)
     f.control = _LEG
@@ -81,7 +81,7 @@ def _start(e: Any, f: Any, w: Any, p: Any) -> None:
 
 
 @kernel
-def _to(w: Any, f: Any, de: float, dn: float, du: float) -> None:
+def _set_destination(w: Any, f: Any, de: float, dn: float, du: float) -> None:
     w.goal[0], w.goal[1], w.goal[2] = de, dn, du
     f.target_pos[0], f.target_pos[1], f.target_pos[2] = de, dn, du
     w.reached = 0
@@ -90,7 +90,7 @@ def _to(w: Any, f: Any, de: float, dn: float, du: float) -> None:
 @kernel
 def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
     """Fly to a point from the destination reached, or from the stopping point."""
-    _start(e, f, w, p)
+    _init_unless_active(e, f, w, p)
     scurve.clear(w.tail)
     from_speed = 0.0
     if w.curved == 1:
@@ -105,10 +105,10 @@ def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float)
     if w.fast == 1 and w.curved == 0 and w.next_curved == 0 and same and not scurve.finished(w.next):
         scurve.copy(w.leg, w.next)
     else:
-        _curve(f, p, w.leg, w.origin, de, dn, du)
+        _calculate_scurve(f, p, w.leg, w.origin, de, dn, du)
         if from_speed > 0.0:
             scurve.set_origin_speed(w.leg, from_speed)
-    _to(w, f, de, dn, du)
+    _set_destination(w, f, de, dn, du)
     w.curved = 0
     w.next_curved = 0
     scurve.clear(w.next)
@@ -118,7 +118,7 @@ def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float)
 @kernel
 def then_straight(f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
     """Let a straight leg to a point follow this leg without a stop."""
-    _curve(f, p, w.next, w.goal, de, dn, du)
+    _calculate_scurve(f, p, w.next, w.goal, de, dn, du)
     if w.curved == 1:
         w.spline.to_speed = min(w.spline.to_speed, scurve.set_origin_speed(w.next, w.spline.to_speed))
     w.next_curved = 0
@@ -128,7 +128,7 @@ def then_straight(f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> No
 @kernel
 def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved: bool) -> None:
     """Fly to a point on a curve that departs towards `after`; it stops there if `after` is the same point."""
-    _start(e, f, w, p)
+    _init_unless_active(e, f, w, p)
     leave = (0.0, 0.0, 0.0)
     if w.fast == 1:
         if w.curved == 1:
@@ -147,7 +147,7 @@ def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved
         leave[0], leave[1], leave[2], arrive[0], arrive[1], arrive[2],
     )  # fmt: skip
     w.fast = 0 if arrive[0] == 0.0 and arrive[1] == 0.0 and arrive[2] == 0.0 else 1
-    _to(w, f, goal[0], goal[1], goal[2])
+    _set_destination(w, f, goal[0], goal[1], goal[2])
     w.curved = 1
     w.next_curved = 0
     scurve.clear(w.next)
@@ -176,7 +176,7 @@ def then_curve(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> Non
 
 
 @kernel
-def _pace(e: Any, f: Any, p: Any, dt_s: float) -> float:
+def _track_dt(e: Any, f: Any, p: Any, dt_s: float) -> float:
     """Return how far to advance along the track in a step: less where the aircraft lags, as in strong wind.
 
     `_track_dt_scalar` (advance_wp_target_along_track): with a margin of 5 %, and a time constant of acceleration
@@ -198,7 +198,7 @@ def _pace(e: Any, f: Any, p: Any, dt_s: float) -> float:
 
 
 @kernel
-def _add(f: Any, c: Any, t: float) -> float:
+def _add_motion(f: Any, c: Any, t: float) -> float:
     """Add a leg's motion at a time to the reference; return the distance along the leg."""
     s, v, a = scurve.at(c, t)
     for axis in range(3):
@@ -209,13 +209,13 @@ def _add(f: Any, c: Any, t: float) -> float:
 
 
 @kernel
-def _go(f: Any, c: Any, dt_s: float) -> None:
+def _advance_leg(f: Any, c: Any, dt_s: float) -> None:
     c.t = min(c.t + dt_s, scurve.duration(c))
-    c.done = _add(f, c, c.t)
+    c.done = _add_motion(f, c, c.t)
 
 
 @kernel
-def _turn_is_tight(f: Any, w: Any, p: Any) -> bool:
+def _corner_within_limits(f: Any, w: Any, p: Any) -> bool:
     """Whether the middle of a turn onto the next leg, begun now, keeps within radius, speed and accelerations."""
     half = 0.5 * (scurve.duration(w.leg) - w.leg.t)
     s, v, a = scurve.at(w.leg, w.leg.t + half)
@@ -253,7 +253,7 @@ def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         f.replan = 0
         scurve.set_speed(w.leg, f.speed_xy, f.speed_up, f.speed_down)
         scurve.set_speed(w.next, f.speed_xy, f.speed_up, f.speed_down)
-    step_s = _pace(e, f, p, dt_s)
+    step_s = _track_dt(e, f, p, dt_s)
     if w.curved == 1:
         spline.follow(w.spline, f, step_s)
         for axis in range(3):
@@ -265,15 +265,15 @@ def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
             f.ref_vel[axis] = 0.0
             f.ref_acc[axis] = 0.0
         if w.tail.live == 1:
-            _go(f, w.tail, step_s)
-        _go(f, w.leg, step_s)
+            _advance_leg(f, w.tail, step_s)
+        _advance_leg(f, w.leg, step_s)
         done = scurve.finished(w.leg)
         left = scurve.duration(w.leg) - w.leg.t
         if w.fast == 1 and w.next_curved == 0 and w.next.t == 0.0:
-            if w.leg.t >= scurve.slows_at(w.leg) and left <= scurve.fast_at(w.next) and _turn_is_tight(f, w, p):
-                _go(f, w.next, step_s)
+            if w.leg.t >= scurve.slows_at(w.leg) and left <= scurve.fast_at(w.next) and _corner_within_limits(f, w, p):
+                _advance_leg(f, w.next, step_s)
         elif w.next.t > 0.0:
-            _go(f, w.next, step_s)
+            _advance_leg(f, w.next, step_s)
             done = done or w.next.t >= left
     if w.reached == 1 or not done:
         return

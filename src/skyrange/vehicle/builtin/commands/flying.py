@@ -31,9 +31,9 @@ from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.switching import set_mode, start_landing
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
 
-_SPEED_TYPES: Final = 4
+_SPEED_TYPE_END: Final = 4
 _CHANGE_MODE: Final = int(mav.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
-_ALT_SENSE_M: Final = 1e5
+_MAX_ALT_M: Final = 1e5
 
 
 def arm_disarm(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
@@ -61,7 +61,7 @@ def takeoff(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) ->
     if command.frame != mav.MAV_FRAME_GLOBAL_RELATIVE_ALT:
         return DENIED
     # ArduCopter converts any value to integer centimetres; a value that is not a number is refused here
-    if not abs(command.z) <= _ALT_SENSE_M:
+    if not abs(command.z) <= _MAX_ALT_M:
         return DENIED
     up = craft.home[2] + command.z
     if craft.mode != Mode.GUIDED or not fleet.armed(craft) or not fleet.landed(craft) or up <= fleet.position(craft)[2]:
@@ -73,29 +73,29 @@ def takeoff(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) ->
     return ACCEPTED
 
 
-def _enter(fleet: Fleet, craft: Craft, mode: int, causes: Causes) -> int:
+def _change_mode(fleet: Fleet, craft: Craft, mode: int, causes: Causes) -> int:
     return ACCEPTED if set_mode(fleet, craft, mode, "gcs_command", causes) else FAILED
 
 
 def land(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """NAV_LAND: LAND at the present position, whatever place the command names."""
-    return _enter(fleet, craft, Mode.LAND, command.causes)
+    return _change_mode(fleet, craft, Mode.LAND, command.causes)
 
 
 def go_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """NAV_RETURN_TO_LAUNCH: change to RTL."""
-    return _enter(fleet, craft, Mode.RTL, command.causes)
+    return _change_mode(fleet, craft, Mode.RTL, command.causes)
 
 
 def loiter(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """NAV_LOITER_UNLIM: change to LOITER."""
-    return _enter(fleet, craft, Mode.LOITER, command.causes)
+    return _change_mode(fleet, craft, Mode.LOITER, command.causes)
 
 
 def choose_mode(fleet: Fleet, craft: Craft, base_mode: int, number: int, causes: Causes) -> int:
     """Change the mode (SET_MODE, DO_SET_MODE). There is no safety switch, which the base mode can also address."""
     if base_mode & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-        return _enter(fleet, craft, number, causes)
+        return _change_mode(fleet, craft, number, causes)
     if base_mode == mav.MAV_MODE_FLAG_DECODE_POSITION_SAFETY and number in (0, 1):
         return ACCEPTED if number == 0 else FAILED
     return DENIED
@@ -126,7 +126,7 @@ def mission_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comma
 def change_speed(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """DO_CHANGE_SPEED: set the horizontal (0, 1), climb (2) or descent (3) speed until the mode changes."""
     kind, speed = int32(command.params[0]), command.params[1]
-    if not speed > 0.0 or kind == _SPEED_TYPES:
+    if not speed > 0.0 or kind == _SPEED_TYPE_END:
         return DENIED
     if craft.mode not in (Mode.AUTO, Mode.GUIDED, Mode.RTL):
         return FAILED

@@ -27,9 +27,9 @@ from skyrange.vehicle.builtin.telemetry.schedule import COLUMN, Schedule
 from skyrange.vehicle.builtin.telemetry.streams import LEAST_MS, default_ns
 from skyrange.vehicle.builtin.telemetry.table import UNASKED
 
-_MOST_MS: Final = 60_000
-_MOST_ID: Final = 2 << 15
-_ASKABLE: Final = COLUMN.keys() - UNASKED
+_MAX_INTERVAL_MS: Final = 60_000
+_MAX_MESSAGE_ID: Final = 2 << 15
+_REQUESTABLE: Final = COLUMN.keys() - UNASKED
 
 
 def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
@@ -37,14 +37,14 @@ def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
     if command.params[2] != 0.0:
         return DENIED
     message, interval_us = uint32(command.params[0]), int32(command.params[1])
-    if message not in _ASKABLE or interval_us < -1:
+    if message not in _REQUESTABLE or interval_us < -1:
         return DENIED
     if interval_us == 0:
         period = default_ns(fleet, craft, message)
     elif interval_us == -1:
         period = 0
     else:
-        whole_ms = min(max(interval_us // 1000, 1), _MOST_MS)
+        whole_ms = min(max(interval_us // 1000, 1), _MAX_INTERVAL_MS)
         if whole_ms < LEAST_MS:
             words = f"Requested rate for message ID {message} too fast. Increase SCHED_LOOP_RATE"
             fleet.text(craft, mav.MAV_SEVERITY_INFO, words, command.causes)
@@ -54,8 +54,8 @@ def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
     return ACCEPTED
 
 
-def _tell_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int) -> int:
-    if message >= _MOST_ID or message not in _ASKABLE:
+def _send_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int) -> int:
+    if message >= _MAX_MESSAGE_ID or message not in _REQUESTABLE:
         fleet.send(craft, mav.MAVLink_message_interval_message(message & 0xFFFF, 0))
         return FAILED
     period_us = int(schedule.period[craft.row, COLUMN[message]]) // 1000
@@ -65,15 +65,15 @@ def _tell_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int)
 
 def get_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """GET_MESSAGE_INTERVAL: answer with MESSAGE_INTERVAL; -1 is not sent, 0 not known."""
-    return _tell_interval(fleet, schedule, craft, uint32(command.params[0]))
+    return _send_interval(fleet, schedule, craft, uint32(command.params[0]))
 
 
 def request_message(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
     """REQUEST_MESSAGE: accepted for every message that ArduCopter knows; it is sent where it has contents."""
     message = uint32(command.params[0])
     if message == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
-        return _tell_interval(fleet, schedule, craft, uint32(command.params[1]))
-    if message not in _ASKABLE:
+        return _send_interval(fleet, schedule, craft, uint32(command.params[1]))
+    if message not in _REQUESTABLE:
         return FAILED
     command.after.append(message)
     return ACCEPTED

@@ -20,7 +20,7 @@ from skyrange.vehicle.builtin.shaping import clamp
 
 _YAW = int(News.YAW_RESET)
 _RATE_SCALE = 0.005  # magVarRateScale, gauss per rad/s
-_LEAST_GAUSS = 0.05
+_MIN_FIELD_GAUSS = 0.05
 """A smaller horizontal field gives no direction: near a magnetic pole, or without a compass."""
 _YAW_SD_RAD = math.radians(5.0)
 
@@ -51,7 +51,7 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Tripl
     k.compass_at = now
     east, north, up = turned(e, compass[0], compass[1], compass[2])
     level = math.sqrt(field[0] * field[0] + field[1] * field[1])
-    if level < _LEAST_GAUSS or east * east + north * north < _LEAST_GAUSS * _LEAST_GAUSS:
+    if level < _MIN_FIELD_GAUSS or east * east + north * north < _MIN_FIELD_GAUSS * _MIN_FIELD_GAUSS:
         return
     rate2 = k.rate[0] ** 2 + k.rate[1] ** 2 + k.rate[2] ** 2
     noise = clamp(p.EK3_MAG_M_NSE, 0.01, 0.5) ** 2 + _RATE_SCALE * _RATE_SCALE * rate2

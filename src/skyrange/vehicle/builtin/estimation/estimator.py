@@ -46,7 +46,7 @@ _ABSOLUTE = int(Aiding.ABSOLUTE)
 _NONE = int(Aiding.NONE)
 _VOLTS_MAX = 1000.0  # more than any flight battery: a reading stays finite
 _AMPERES_MAX = 10_000.0
-_SLOW = 0.05  # UpdateStrapdownEquationsNED: low pass of the acceleration, per step
+_ACCEL_FILTER = 0.05  # UpdateStrapdownEquationsNED: low pass of the acceleration, per step
 _START_VEL_MPS = 0.1
 _START_TILT_RAD = 0.01
 _START_BIAS_RADPS = math.radians(0.15)  # checkGyroCalStatus: what counts as calibrated
@@ -192,7 +192,7 @@ def turn(
             for axis in range(3):
                 history[i, here, axis] = k.pos[axis] - k.moved_pos[axis]
                 history[i, here, 3 + axis] = k.vel[axis] - k.moved_vel[axis]
-                k.accel_slow[axis] += _SLOW * (e.accel[axis] - k.accel_slow[axis])
+                k.accel_slow[axis] += _ACCEL_FILTER * (e.accel[axis] - k.accel_slow[axis])
             check_aiding(k, p, now)
             predict(k, p, step_s)
             read_compass(e, k, p, now, (compass[i, 0], compass[i, 1], compass[i, 2]), earth, on)
@@ -202,7 +202,7 @@ def turn(
                     e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room
                 )
             read_baro(e, k, p, now, baro[i], on)
-            _settle(e, k, p, step_s)
+            _finish_step(e, k, p, step_s)
             seen = rangefinder[i]
             ranged = math.isfinite(seen) and seen >= 0.0
             e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
@@ -216,7 +216,7 @@ def turn(
 
 
 @kernel
-def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
+def _finish_step(e: Any, k: Any, p: Any, step_s: float) -> None:
     """After a filter step, apply corrections over EK3_TAU_OUTPUT, normalise the attitude and limit the biases."""
     keep = 1.0 - step_s / max(clamp(0.01 * p.EK3_TAU_OUTPUT, 0.1, 0.5), step_s)
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
@@ -238,9 +238,9 @@ class Estimator:
         """`origin` gives the magnetic field where the fleet flies."""
         self.filters, self._history = blank(count)
         self._field = np.array(field_at(origin), dtype=np.float64)
-        self._room = np.zeros(6)
+        self._buffer = np.zeros(6)
         self._slot = 0
-        self._stepped: Time | None = None
+        self._last_step: Time | None = None
 
     def update(
         self, now: Time, dt_s: float, sensors: Sensors, estimate: Records, armed: Ints, which: Ints, settings: Records
@@ -253,20 +253,20 @@ class Estimator:
         """
         s = sensors
         fix = (s.gnss_fix, s.gnss_satellites, s.gnss_time_ns)
-        if self._stepped is None:
+        if self._last_step is None:
             begin(
                 now, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m, s.compass_gauss, s.gnss_accuracy,
                 *fix, self._field, estimate, self.filters, which, settings,
             )  # fmt: skip
-            self._stepped = now - STEP_NS
+            self._last_step = now - STEP_NS
             dt_s = 0.0
         step_s = 0.0
-        if now // STEP_NS != self._stepped // STEP_NS:
-            step_s = (now - self._stepped) / NS_PER_S
-            self._stepped = now
+        if now // STEP_NS != self._last_step // STEP_NS:
+            step_s = (now - self._last_step) / NS_PER_S
+            self._last_step = now
             self._slot += 1
         return turn(
             now, dt_s, step_s, self._slot, s.gyro_radps, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m,
-            s.rangefinder_m, s.compass_gauss, s.gnss_accuracy, *fix, s.battery_v, s.battery_a, self._field, self._room,
-            armed, self._history, estimate, self.filters, which, settings,
+            s.rangefinder_m, s.compass_gauss, s.gnss_accuracy, *fix, s.battery_v, s.battery_a, self._field,
+            self._buffer, armed, self._history, estimate, self.filters, which, settings,
         )  # fmt: skip

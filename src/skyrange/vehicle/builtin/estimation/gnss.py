@@ -40,12 +40,12 @@ from skyrange.vehicle.builtin.shaping import clamp
 
 _NONE = int(Aiding.NONE)
 _FIX_3D = 3
-_WORST_M = 100.0
-_WORST_MPS = 50.0
+_MAX_ACCURACY_M = 100.0
+_MAX_ACCURACY_MPS = 50.0
 _VEL_ACCEL = 0.05  # gpsNEVelVarAccScale
-_ENVELOPE = 0.2  # per second: decay of a bad stated accuracy (0.0002 per ms)
+_ACCURACY_DECAY = 0.2  # per second: decay of a bad stated accuracy (0.0002 per ms)
 _RANGE_ERROR_M = 1.5  # stated accuracy over dilution of precision
-_LATEST_NS = 10 * NS_PER_S
+_MAX_GAP_NS = 10 * NS_PER_S
 
 
 @kernel
@@ -102,48 +102,48 @@ def read_fix(
         e.gnss_pos[axis] = fix[axis]
         e.gnss_vel[axis] = fix[3 + axis]
         k.gnss_vel[axis] = fix[3 + axis]
-    h_acc = claimed(accuracy[i, 0], _WORST_M)
-    v_acc = claimed(accuracy[i, 1], _WORST_M)
-    s_acc = claimed(accuracy[i, 2], _WORST_MPS)
+    h_acc = claimed(accuracy[i, 0], _MAX_ACCURACY_M)
+    v_acc = claimed(accuracy[i, 1], _MAX_ACCURACY_M)
+    s_acc = claimed(accuracy[i, 2], _MAX_ACCURACY_MPS)
     e.gnss_acc[0], e.gnss_acc[1], e.gnss_acc[2] = h_acc, v_acc, s_acc
     hdop = clamp(h_acc / _RANGE_ERROR_M, 0.5, 99.99)
     e.gnss_hdop = hdop
-    gap = min(max(now - k.fix_at, 0), _LATEST_NS)
+    gap = min(max(now - k.fix_at, 0), _MAX_GAP_NS)
     k.fix_at = now
     e.gnss_age_s = 0.0
-    keep = 1.0 - clamp(_ENVELOPE * gap / NS_PER_S, 0.0, 1.0)
-    k.spd_acc = clamp(max(k.spd_acc * keep, s_acc), p.EK3_VELNE_M_NSE, _WORST_MPS)
-    k.pos_acc = clamp(max(k.pos_acc * keep, h_acc), p.EK3_POSNE_M_NSE, _WORST_M)
+    keep = 1.0 - clamp(_ACCURACY_DECAY * gap / NS_PER_S, 0.0, 1.0)
+    k.spd_acc = clamp(max(k.spd_acc * keep, s_acc), p.EK3_VELNE_M_NSE, _MAX_ACCURACY_MPS)
+    k.pos_acc = clamp(max(k.pos_acc * keep, h_acc), p.EK3_POSNE_M_NSE, _MAX_ACCURACY_M)
     judge_receiver(k, p, now, h_acc, v_acc, hdop, satellites)
     judge_flight(k, now, gap, s_acc)
 
     late = min(max(now - time, 0), (SLOTS - 2) * STEP_NS)
     if k.aiding == _NONE:
         if k.good == 1:
-            _bring_up(fix, late)
+            _extrapolate(fix, late)
             start_aiding(k, p, now, fix)
             e.resets += 1
         return
     then = history[i, (slot - (late + STEP_NS // 2) // STEP_NS) & (SLOTS - 1)]
-    _use_fix(e, k, p, now, satellites, late, fix, then)
+    _fuse_vel_pos(e, k, p, now, satellites, late, fix, then)
 
 
 @kernel
-def _bring_up(fix: Any, late: int) -> None:
+def _extrapolate(fix: Any, late: int) -> None:
     """Extrapolate a fix to the present at its own velocity (ResetPosition's tdiff)."""
     fix[0] += fix[3] * late / NS_PER_S
     fix[1] += fix[4] * late / NS_PER_S
 
 
 @kernel
-def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:
+def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:
     """FuseVelPosNED for one fix: test position, test velocity, then fuse what passed."""
     noise = 1.0 if satellites >= 6 else (1.4 if satellites == 5 else 2.0)  # gpsNoiseScaler
     speed_of_turn2 = k.accel_slow[0] ** 2 + k.accel_slow[1] ** 2 + k.accel_slow[2] ** 2
     vel_check = clamp(p.EK3_VELNE_M_NSE, 0.05, 5.0) ** 2 + _VEL_ACCEL * _VEL_ACCEL * speed_of_turn2
-    pos_noise = clamp(k.pos_acc, p.EK3_POSNE_M_NSE, _WORST_M) ** 2
-    vel_noise = clamp(k.spd_acc, p.EK3_VELNE_M_NSE, _WORST_MPS) ** 2
-    climb_noise = clamp(k.spd_acc, p.EK3_VELD_M_NSE, _WORST_MPS) ** 2
+    pos_noise = clamp(k.pos_acc, p.EK3_POSNE_M_NSE, _MAX_ACCURACY_M) ** 2
+    vel_noise = clamp(k.spd_acc, p.EK3_VELNE_M_NSE, _MAX_ACCURACY_MPS) ** 2
+    climb_noise = clamp(k.spd_acc, p.EK3_VELD_M_NSE, _MAX_ACCURACY_MPS) ** 2
     d_e = fix[0] - then[0] - k.moved_pos[0]
     d_n = fix[1] - then[1] - k.moved_pos[1]
     v_e = fix[3] - then[3] - k.moved_vel[0]

@@ -29,7 +29,7 @@ from skyrange.vehicle.builtin.shaping import clamp
 _NONE = int(Aiding.NONE)
 _HEIGHT = int(News.HEIGHT_RESET)
 _FRESH_NS = 500 * NS_PER_MS
-_STANDING_M = 0.5  # FuseVelPosNED: noise of the assumed position before take-off
+_REST_NOISE_M = 0.5  # FuseVelPosNED: noise of the assumed position before take-off
 
 
 @kernel
@@ -39,13 +39,13 @@ def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> N
     if since < INTERVAL_MIN_NS or (height == k.baro and since < HEIGHT_NS):
         return
     if height != height:
-        _time_out(k, now)
+        _update_timeout(k, now)
         return
     k.baro = clamp(height, HEIGHT_MIN_M, HEIGHT_MAX_M)
     k.baro_at = now
     e.baro_up = k.baro
     if k.aiding == _NONE:
-        _stand(e, k, p, armed)
+        _fuse_rest(e, k, p, armed)
     noise = clamp(p.EK3_ALT_M_NSE, 0.1, 100.0) ** 2
     by = k.baro - k.pos[2]
     variance = k.up[0] + noise
@@ -56,23 +56,23 @@ def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> N
     if passed:
         k.hgt_pass = now
     if k.hgt_timeout == 1:
-        _reset(k, p, now, noise, armed)
+        _reset_height(k, p, now, noise, armed)
     elif passed or k.bad == 1:
         u = k.up
         correct_up(k, take_up(u, u[0], u[1], u[2], variance), by)
     most = clamp(p.EK3_ACC_BIAS_LIM, 0.0, 5.0)
     k.accel_bias = clamp(k.accel_bias, -most, most)
-    _time_out(k, now)
+    _update_timeout(k, now)
 
 
 @kernel
-def _time_out(k: Any, now: int) -> None:
+def _update_timeout(k: Any, now: int) -> None:
     retry = HGT_RETRY_VEL_NS if k.vel_timeout == 0 else HGT_RETRY_NS
     k.hgt_timeout = 1 if now - k.hgt_pass > retry or height_lost(k, now) else 0
 
 
 @kernel
-def _reset(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
+def _reset_height(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
     """Reset the height to the barometer; the climb rate to GNSS's in flight, to zero on the ground."""
     k.shift_pos[2] += k.baro - (k.pos[2] - k.slack_pos[2])
     k.moved_pos[2] += k.baro - k.pos[2]
@@ -98,9 +98,9 @@ def _reset(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
 
 
 @kernel
-def _stand(e: Any, k: Any, p: Any, armed: bool) -> None:
+def _fuse_rest(e: Any, k: Any, p: Any, armed: bool) -> None:
     """Without aiding, fuse the last known position, with noise EK3_NOAID_M_NSE, which keeps tilt from drifting."""
-    noise = clamp(p.EK3_NOAID_M_NSE, 0.5, 50.0) if armed else _STANDING_M
+    noise = clamp(p.EK3_NOAID_M_NSE, 0.5, 50.0) if armed else _REST_NOISE_M
     c = k.level
     east = k.held[0] - k.pos[0]
     north = k.held[1] - k.pos[1]

@@ -23,7 +23,7 @@ from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.shaping import wrap_pi
 
-_KINDS = {
+_RESET_NAMES = {
     News.POSITION_RESET: "position",
     News.VELOCITY_RESET: "velocity",
     News.HEIGHT_RESET: "height",
@@ -69,7 +69,7 @@ def tell(fleet: Fleet, filters: Records) -> None:
         if news & News.STARTED_AIDING:
             fleet.text(craft, dialect.MAV_SEVERITY_INFO, "EKF3 IMU0 is using GPS")
             fleet.note("event.estimator", craft, {"aiding": "gnss"})
-        what = " and ".join(name for kind, name in _KINDS.items() if news & kind)
+        what = " and ".join(name for kind, name in _RESET_NAMES.items() if news & kind)
         sizes = (east, north, up)
         if what and all(map(math.isfinite, sizes)):
             fleet.note("event.estimator", craft, {"reset": what, "east_m": east, "north_m": north, "up_m": up})

@@ -25,7 +25,7 @@ from skyrange.vehicle.builtin.shaping import clamp
 
 Triple = tuple[float, float, float]
 _NONE = int(Aiding.NONE)
-_SMALL = 0.05  # tangent below which an angle is computed by a series
+_SERIES_LIMIT = 0.05  # tangent below which an angle is computed by a series
 _ACCEL_UNAIDED_MPS2 = 5.0  # UpdateStrapdownEquationsNED: manoeuvres without aiding
 
 
@@ -109,7 +109,7 @@ def show(e: Any, k: Any) -> None:
     # small changes from a known angle by a series, exact to 1e-12: atan2 in every tick would cost as much as the rest
     across = k.yaw_cos * sine - k.yaw_sin * cosine
     ahead = k.yaw_cos * cosine + k.yaw_sin * sine
-    if abs(across) < _SMALL * ahead:
+    if abs(across) < _SERIES_LIMIT * ahead:
         t = across / ahead
         t2 = t * t
         yaw = k.yaw_from + t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
@@ -131,14 +131,14 @@ def show_lean(e: Any) -> None:
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     across = 2 * (w * x + y * z)
     ahead = 1 - 2 * (x * x + y * y)
-    if abs(across) < _SMALL * ahead:
+    if abs(across) < _SERIES_LIMIT * ahead:
         t = across / ahead
         t2 = t * t
         e.roll = t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
     else:
         e.roll = math.atan2(across, ahead)
     s = 2 * (w * y - z * x)
-    if abs(s) < _SMALL:
+    if abs(s) < _SERIES_LIMIT:
         s2 = s * s
         e.pitch = s * (1.0 + s2 * (1.0 / 6.0 + s2 * (0.075 + s2 * 15.0 / 336.0)))
     else:

@@ -13,7 +13,7 @@ from skyrange.vehicle.builtin.fleet import Craft, Fleet
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.switching import set_mode
 
-_LAND_PAUSE_S = 4.0  # config.h LAND_WITH_DELAY_MS
+_LAND_DELAY_S = 4.0  # config.h LAND_WITH_DELAY_MS
 _WARNING = dialect.MAV_SEVERITY_WARNING
 
 
@@ -60,10 +60,10 @@ def act(fleet: Fleet, craft: Craft, action: int, reason: str) -> None:
     if action == Action.LAND:
         land(fleet, craft, reason)
     elif action == Action.RTL:
-        _return(fleet, craft, reason)
+        _set_mode_rtl_or_land(fleet, craft, reason)
     elif action == Action.SMART_RTL:
         fleet.text(craft, _WARNING, "SmartRTL Unavailable, Trying RTL Mode")
-        _return(fleet, craft, reason)
+        _set_mode_rtl_or_land(fleet, craft, reason)
     elif action == Action.SMART_RTL_LAND:
         fleet.text(craft, _WARNING, "SmartRTL Unavailable, Using Land Mode")
         land(fleet, craft, reason)
@@ -72,13 +72,13 @@ def act(fleet: Fleet, craft: Craft, action: int, reason: str) -> None:
     elif action == Action.DO_LAND_START:  # set_mode_auto_do_land_start_or_RTL
         if not set_mode(fleet, craft, Mode.AUTO_RTL, reason, ()):
             fleet.text(craft, _WARNING, "Trying RTL Mode")
-            _return(fleet, craft, reason)
+            _set_mode_rtl_or_land(fleet, craft, reason)
     elif action == Action.BRAKE_LAND and not set_mode(fleet, craft, Mode.BRAKE, reason, ()):
         fleet.text(craft, _WARNING, "Trying Land Mode")
         land(fleet, craft, reason)
 
 
-def _return(fleet: Fleet, craft: Craft, reason: str) -> None:
+def _set_mode_rtl_or_land(fleet: Fleet, craft: Craft, reason: str) -> None:
     """RTL, or LAND where RTL is refused (`set_mode_RTL_or_land_with_pause`)."""
     if not set_mode(fleet, craft, Mode.RTL, reason, ()):
         land(fleet, craft, reason)
@@ -88,4 +88,4 @@ def land(fleet: Fleet, craft: Craft, reason: str) -> None:
     """LAND, its descent delayed by 4 s (`set_mode_land_with_pause`); a landing in progress continues."""
     begins = craft.mode != Mode.LAND
     if set_mode(fleet, craft, Mode.LAND, reason, ()) and begins:
-        fleet.flight["pause_s"][craft.row] = _LAND_PAUSE_S
+        fleet.flight["pause_s"][craft.row] = _LAND_DELAY_S

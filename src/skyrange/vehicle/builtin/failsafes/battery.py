@@ -42,7 +42,7 @@ def _is_low(volts: float, least: float) -> bool:
 
 
 @kernel
-def _volts_used(p: Any, b: Any) -> float:
+def _compared_voltage(p: Any, b: Any) -> float:
     """Return the voltage compared with the thresholds: as measured, or without the sag (BATT_FS_VOLTSRC)."""
     volts: float = b.resting_v if p.BATT_FS_VOLTSRC == 1 else b.voltage
     return volts
@@ -51,7 +51,7 @@ def _volts_used(p: Any, b: Any) -> float:
 @kernel
 def _level(p: Any, b: Any, now_ns: int) -> int:
     """Return the failsafe level: a low voltage counts once it has lasted for BATT_LOW_TIMER, a low charge at once."""
-    volts = _volts_used(p, b)
+    volts = _compared_voltage(p, b)
     left_mah = p.BATT_CAPACITY - b.consumed_mah
     timer_ns = p.BATT_LOW_TIMER * 1e9
     if _is_low(volts, p.BATT_CRT_VOLT):
@@ -108,11 +108,11 @@ def worse(fleet: Fleet, craft: Craft) -> None:
     action = int(fleet.param(craft, name))
     priority = PRIORITIES.index(Action(action)) if action in PRIORITIES else len(PRIORITIES)
     if priority <= power["priority"][row]:
-        _handle(fleet, craft, action)
+        _handle_failsafe(fleet, craft, action)
         power["priority"][row] = priority
 
 
-def _handle(fleet: Fleet, craft: Craft, action: int) -> None:
+def _handle_failsafe(fleet: Fleet, craft: Craft, action: int) -> None:
     if should_disarm(fleet, craft):
         disarm(fleet, craft, "battery_failsafe", ())
         action = Action.NONE

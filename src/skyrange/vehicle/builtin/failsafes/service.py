@@ -64,7 +64,7 @@ def check(
     return alarmed
 
 
-_ACTS: Final[dict[Alarm, Callable[[Fleet, Craft], None]]] = {
+_HANDLERS: Final[dict[Alarm, Callable[[Fleet, Craft], None]]] = {
     Alarm.FENCE_CHANGED: boundary.changed,
     Alarm.FENCE_BREACHED: boundary.breached,
     Alarm.FENCE_CLEARED: boundary.cleared,
@@ -99,17 +99,17 @@ def serve(fleet: Fleet, actuators: Floats) -> None:
         _PERIOD_S,
     )
     if alarmed:
-        _act(fleet, actuators)
+        _handle_alarms(fleet, actuators)
     if now % _PREARM_NS == 0:
         prearm.update(fleet)
 
 
-def _act(fleet: Fleet, actuators: Floats) -> None:
+def _handle_alarms(fleet: Fleet, actuators: Floats) -> None:
     alarms = fleet.watch["alarms"]
     for row in np.flatnonzero(alarms).tolist():
         raised = int(alarms[row])
         craft = fleet.crafts[row]
-        for alarm, act in _ACTS.items():
+        for alarm, act in _HANDLERS.items():
             if raised & alarm:
                 act(fleet, craft)
         if raised & Alarm.THRUST_LOST:

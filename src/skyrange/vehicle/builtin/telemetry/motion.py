@@ -49,11 +49,11 @@ _LAST: Final = 0xF000
 
 def attitude(fleet: Fleet, rows: Ints, out: Table) -> None:
     """ATTITUDE."""
-    _attitudes(fleet.now, rows, fleet.boot_ns, fleet.estimate, out)
+    _fill_attitude(fleet.now, rows, fleet.boot_ns, fleet.estimate, out)
 
 
 @kernel
-def _attitudes(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any) -> None:
+def _fill_attitude(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any) -> None:
     for place in range(rows.shape[0]):
         row = rows[place]
         e: Any = estimate[row]
@@ -115,13 +115,13 @@ def has_position(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 def global_position_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     """GLOBAL_POSITION_INT."""
     at = fleet.origin
-    _global_positions(
+    _fill_global_position_int(
         at.lat_deg, at.lon_deg, at.alt_msl_m, fleet.now, rows, fleet.boot_ns, fleet.estimate, fleet.watch, out
     )
 
 
 @kernel
-def _global_positions(
+def _fill_global_position_int(
     lat0_deg: float, lon0_deg: float, alt_m: float, now: int,
     rows: Ints, boot_ns: Ints, estimate: Any, watch: Any, out: Any,
 ) -> None:  # fmt: skip
@@ -198,7 +198,7 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
     out["nav_roll"] = np.degrees(e["roll"][rows])
     out["nav_pitch"] = -np.degrees(e["pitch"][rows])
-    out["nav_bearing"] = held(np.degrees(columns.heading_rad(_yaw(f["att"][rows]))), 180)
+    out["nav_bearing"] = held(np.degrees(columns.heading_rad(_yaw_of_quats(f["att"][rows]))), 180)
     bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
     out["target_bearing"] = np.where(going, held(bearing, 180), 0)
     out["wp_dist"] = np.where(going, held(np.hypot(away[:, 0], away[:, 1]), U16), 0)
@@ -206,7 +206,7 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
 
 
-def _yaw(quats: Floats) -> Floats:
+def _yaw_of_quats(quats: Floats) -> Floats:
     """Return the yaw of attitudes (n, 4)."""
     w, x, y, z = quats.T
     angles: Floats = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -242,12 +242,12 @@ def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
     out["type_mask"] = mask
-    _ned(out, ("x", "y", "z"), f["target_pos"][rows], placed)
-    _ned(out, ("vx", "vy", "vz"), f["target_vel"][rows], moved)
-    _ned(out, ("afx", "afy", "afz"), f["target_acc"][rows], pushed)
+    _fill_ned(out, ("x", "y", "z"), f["target_pos"][rows], placed)
+    _fill_ned(out, ("vx", "vy", "vz"), f["target_vel"][rows], moved)
+    _fill_ned(out, ("afx", "afy", "afz"), f["target_acc"][rows], pushed)
 
 
-def _ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
+def _fill_ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
     for name, values in zip(names, (enu[:, 1], enu[:, 0], -enu[:, 2]), strict=True):
         out[name] = np.where(said, values, 0.0)
 

@@ -24,7 +24,7 @@ from skyrange.vehicle.builtin.telemetry import columns
 from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, finite, held, whole
 
 _GRAVITY_MPS2: Final = 9.80665  # AP_Math definitions.h GRAVITY_MSS
-_LEAST_PWM_US: Final = 1000
+_MIN_PWM_US: Final = 1000
 _PWM_RANGE_US: Final = 1000
 """MOT_PWM_MIN to MOT_PWM_MAX."""
 _SERVOS: Final = tuple(f"servo{motor + 1}_raw" for motor in range(16))
@@ -44,14 +44,14 @@ _ESC_HZ: Final = 100
 def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     """GPS_RAW_INT: the receiver's fix, not the estimate."""
     at = fleet.origin
-    _fixes(
+    _fill_gps_raw_int(
         at.lat_deg, at.lon_deg, at.alt_msl_m, at.ellipsoid_of(at.alt_msl_m), fleet.now, rows, fleet.boot_ns,
         fleet.estimate, out,
     )  # fmt: skip
 
 
 @kernel
-def _fixes(
+def _fill_gps_raw_int(
     lat0_deg: float, lon0_deg: float, alt_m: float, ellipsoid_m: float, now: int, rows: Ints, boot_ns: Ints,
     estimate: Any, out: Any,
 ) -> None:  # fmt: skip
@@ -82,7 +82,7 @@ def _fixes(
         o.vel_acc = whole(e.gnss_acc[2] * 1e3, 0, I32)
 
 
-def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:
+def _fill_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
     e = fleet.estimate
     for name, field, scale, most in (
         ("acc", "imu_accel", 1000.0 / _GRAVITY_MPS2, I16),
@@ -98,13 +98,13 @@ def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:
 def raw_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
     """RAW_IMU: thousandths of gravity, mrad/s and mgauss, forward-right-down; scaled as from ArduPilot, not raw."""
     out["time_usec"] = columns.boot_us(fleet, rows)
-    _imu(fleet, rows, out)
+    _fill_imu(fleet, rows, out)
 
 
 def scaled_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
     """SCALED_IMU and SCALED_IMU2."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
-    _imu(fleet, rows, out)
+    _fill_imu(fleet, rows, out)
 
 
 def scaled_imu3(fleet: Fleet, rows: Ints, out: Table) -> None:
@@ -140,7 +140,7 @@ def servo_output_raw(fleet: Fleet, rows: Ints, out: Table) -> None:
     """SERVO_OUTPUT_RAW: the motors' pulse lengths in µs, in ArduPilot's motor order."""
     out["time_usec"] = columns.boot_us(fleet, rows) & 0xFFFFFFFF
     commands = fleet.actuators[rows]
-    pulses = _LEAST_PWM_US + _PWM_RANGE_US * commands
+    pulses = _MIN_PWM_US + _PWM_RANGE_US * commands
     for motor in range(commands.shape[1]):
         out[_SERVOS[motor]] = pulses[:, motor]
 
