@@ -10,9 +10,9 @@ import math
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fence_zones import CIRCLE_IN, CIRCLE_OUT, MAX_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
 from skyrange.vehicle.builtin.transfer_kinds import lat_lon_e7, plain_kind
+from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE
 _ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
@@ -172,5 +172,12 @@ def _clear_fence(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
 
 
 FENCE: Final = plain_kind(
-    _NUMBER, MAX_ITEMS, "Fence", lambda craft: craft.fence, _begin_upload, _store_item, _complete_upload, _clear_fence
+    _NUMBER,
+    MAX_FENCE_ITEMS,
+    "Fence",
+    lambda craft: craft.fence,
+    _begin_upload,
+    _store_item,
+    _complete_upload,
+    _clear_fence,
 )

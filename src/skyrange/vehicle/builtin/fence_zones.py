@@ -7,36 +7,11 @@ frame where ArduPilot uses integer degrees × 10⁻⁷.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
-
-import numpy as np
+from typing import Any
 
 from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT
 
-MAX_ITEMS: Final = 70
-"""Points of all zones together: (48 + 256 + 256) / 8 bytes (StorageManager.cpp StorageFence, 15 areas; `max_items`)."""
-
-NOTHING: Final = 0
-POLYGON_IN: Final = 1
-POLYGON_OUT: Final = 2
-CIRCLE_IN: Final = 3
-CIRCLE_OUT: Final = 4
-
-ZONES: Final = np.dtype(
-    [
-        ("count", "i8"),  # number of zones
-        ("tightest", "f8"),  # m, radius of the smallest inclusion circle; 0 none
-        ("kind", "i8", (MAX_ITEMS,)),  # per zone: one of the constants above
-        ("first", "i8", (MAX_ITEMS,)),  # index of its first point
-        ("size", "i8", (MAX_ITEMS,)),  # number of its points
-        ("radius", "f8", (MAX_ITEMS,)),  # m, of circles
-        ("point", "f8", (MAX_ITEMS, 2)),  # east, north, m
-    ]
-)
-_POLYGON_IN = POLYGON_IN
-_POLYGON_OUT = POLYGON_OUT
-_CIRCLE_IN = CIRCLE_IN
-_CIRCLE_OUT = CIRCLE_OUT
 _UNSET = -1e30
 
 
@@ -90,7 +65,7 @@ def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float
     inclusions = 0
     left = 0
     for k in range(z.count):
-        if z.kind[k] != _POLYGON_IN:
+        if z.kind[k] != POLYGON_IN:
             continue
         inclusions += 1
         edge = _edge_distance(z, z.first[k], z.size[k], east, north)
@@ -100,21 +75,21 @@ def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float
             left += 1
             far = min(far, edge) if far > 0.0 else edge
     for k in range(z.count):
-        if z.kind[k] != _POLYGON_OUT:
+        if z.kind[k] != POLYGON_OUT:
             continue
         edge = _edge_distance(z, z.first[k], z.size[k], east, north)
         if _in_polygon(z, z.first[k], z.size[k], east, north):
             return True, edge
         far = max(far, -edge)
     for k in range(z.count):
-        if z.kind[k] != _CIRCLE_OUT:
+        if z.kind[k] != CIRCLE_OUT:
             continue
         edge = z.radius[k] - math.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1])
         far = max(far, edge)
         if edge > 0.0:
             return True, far
     for k in range(z.count):
-        if z.kind[k] != _CIRCLE_IN:
+        if z.kind[k] != CIRCLE_IN:
             continue
         inclusions += 1
         edge = math.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1]) - z.radius[k]

@@ -20,11 +20,10 @@ from skyrange.codec.numbering import RowPacker
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
-from skyrange.vehicle.builtin.fence_zones import ZONES
 from skyrange.vehicle.builtin.layout import LEGS, Control, Records, zeros
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
-from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
+from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH, ZONES
 
 Causes = tuple[FrameId, ...]
 COMPONENT = 1

@@ -17,7 +17,7 @@ from skyrange.vehicle.builtin.fence_items import FENCE
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
 from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
 from skyrange.vehicle.builtin.mission_kinds import JUMP
-from skyrange.vehicle.builtin.rally import RALLY
+from skyrange.vehicle.builtin.rally_items import RALLY
 from skyrange.vehicle.builtin.telemetry import table
 from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner
 

@@ -1,4 +1,8 @@
-"""Flight modes: ArduCopter's numbers and names (ArduCopter/mode.h) and their properties."""
+"""Flight modes: ArduCopter's numbers and names (ArduCopter/mode.h) and their properties.
+
+The properties are ArduCopter's `requires_GPS`, `has_manual_throttle` and `is_autopilot`; their sets of numbers include
+modes that do not exist here.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +33,13 @@ PILOTED: Final = {
     int(Mode.LOITER): Control.LOITER,
 }
 """Modes flown with the pilot's sticks, and their control mode."""
+
+NEEDS_POSITION: Final = frozenset((3, 4, 5, 6, 7, 16, 17, 27))
+"""AUTO, GUIDED, LOITER, RTL, CIRCLE, POSHOLD, BRAKE, AUTO_RTL: neither entered nor armed in without a position."""
+MANUAL_THROTTLE: Final = frozenset((0, 1))
+"""STABILIZE, ACRO."""
+AUTOPILOT: Final = frozenset((3, 4, 6, 7, 9))
+"""AUTO, GUIDED, RTL, CIRCLE, LAND: modes that fly without a pilot."""
 
 
 def known(number: int) -> Mode | None:

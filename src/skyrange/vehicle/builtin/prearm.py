@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import battery, fence, mode_traits, position, rally, remote_id
+from skyrange.vehicle.builtin import battery, fence, position, rally, remote_id
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
-from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, NEEDS_POSITION, Mode
 
 Mask = NDArray[np.bool_]
 Words = str | Callable[[Craft], str]
@@ -82,8 +82,8 @@ def view(fleet: Fleet, rows: NDArray[np.int64]) -> View:
     return View(
         rows,
         fleet.settings["ARMING_CHECK"][rows].astype(np.int64),
-        np.array([mode in mode_traits.NEEDS_POSITION for mode in modes], dtype=bool),
-        np.array([mode in mode_traits.MANUAL_THROTTLE for mode in modes], dtype=bool),
+        np.array([mode in NEEDS_POSITION for mode in modes], dtype=bool),
+        np.array([mode in MANUAL_THROTTLE for mode in modes], dtype=bool),
         np.array([mode == Mode.AUTO for mode in modes], dtype=bool),
         position.known(fleet, rows),
         kinds & _HORIZONTAL_TYPES != 0,

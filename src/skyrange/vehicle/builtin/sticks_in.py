@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from skyrange.vehicle.builtin import sticks
 from skyrange.vehicle.builtin.fleet import CHANNELS, Craft, Fleet
-from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE
-from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, Mode
 
 MIN_US, MAX_US = 1000, 2000
 _MID_US = 1500

@@ -25,8 +25,7 @@ from skyrange.vehicle.builtin import (
 from skyrange.vehicle.builtin.arming import idle_end
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
-from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE, NEEDS_POSITION
-from skyrange.vehicle.builtin.modes import PILOTED, Mode, known
+from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, NEEDS_POSITION, PILOTED, Mode, known
 from skyrange.vehicle.builtin.telemetry.table import message
 
 _BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z

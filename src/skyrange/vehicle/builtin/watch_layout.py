@@ -65,6 +65,27 @@ BOUNDARY: Final = np.dtype(
 )
 """After AC_Fence.h; fence types are bits of `fence.FenceType`."""
 
+MAX_FENCE_ITEMS: Final = 70
+"""Points of all zones together: (48 + 256 + 256) / 8 bytes (StorageManager.cpp StorageFence, 15 areas; `max_items`)."""
+
+POLYGON_IN: Final = 1
+POLYGON_OUT: Final = 2
+CIRCLE_IN: Final = 3
+CIRCLE_OUT: Final = 4
+
+ZONES: Final = np.dtype(
+    [
+        ("count", "i8"),  # number of zones
+        ("tightest", "f8"),  # m, radius of the smallest inclusion circle; 0 none
+        ("kind", "i8", (MAX_FENCE_ITEMS,)),  # per zone: one of the constants above
+        ("first", "i8", (MAX_FENCE_ITEMS,)),  # index of its first point
+        ("size", "i8", (MAX_FENCE_ITEMS,)),  # number of its points
+        ("radius", "f8", (MAX_FENCE_ITEMS,)),  # m, of circles
+        ("point", "f8", (MAX_FENCE_ITEMS, 2)),  # east, north, m
+    ]
+)
+"""Zones of a fence: its polygons and circles, local metres."""
+
 WATCH: Final = np.dtype(
     [
         ("alarms", "i8"),  # Alarms of the last check

@@ -10,6 +10,7 @@ from enum import IntEnum, IntFlag
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.layout import Control
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.switching import set_mode
 
@@ -53,6 +54,11 @@ def should_disarm(fleet: Fleet, craft: Craft) -> bool:
     if craft.mode == Mode.AUTO:
         return not craft.ready and fleet.landed(craft)
     return fleet.landed(craft)
+
+
+def is_landing(fleet: Fleet, craft: Craft) -> bool:
+    """Whether it descends to land: in LAND, or at the end of RTL or of a mission."""
+    return craft.mode == Mode.LAND or (craft.mode in (Mode.RTL, Mode.AUTO) and fleet.control(craft) == Control.LAND)
 
 
 def act(fleet: Fleet, craft: Craft, action: int, reason: str) -> None:

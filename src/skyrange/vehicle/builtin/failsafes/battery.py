@@ -11,10 +11,9 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin import mode_traits
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.battery import measure
-from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, option, should_disarm
+from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, is_landing, option, should_disarm
 from skyrange.vehicle.builtin.failsafes.alarms import Alarm
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
 
@@ -117,9 +116,7 @@ def _handle_failsafe(fleet: Fleet, craft: Craft, action: int) -> None:
         disarm(fleet, craft, "battery_failsafe", ())
         action = Action.NONE
         announce(fleet, craft, "Battery", "Disarming")
-    elif (
-        mode_traits.landing(fleet, craft) and option(fleet, craft, Option.CONTINUE_IF_LANDING) and action != Action.NONE
-    ):
+    elif is_landing(fleet, craft) and option(fleet, craft, Option.CONTINUE_IF_LANDING) and action != Action.NONE:
         action = Action.LAND
         announce(fleet, craft, "Battery", "Continuing Landing")
     else:

@@ -12,12 +12,11 @@ from typing import Any, Final
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import mode_traits
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.failsafes.actions import act, land, should_disarm
 from skyrange.vehicle.builtin.failsafes.alarms import Alarm
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
-from skyrange.vehicle.builtin.modes import Mode, known
+from skyrange.vehicle.builtin.modes import NEEDS_POSITION, Mode, known
 from skyrange.vehicle.builtin.switching import set_mode
 
 _BAD = int(Alarm.ESTIMATOR_BAD)
@@ -157,7 +156,7 @@ def bad(fleet: Fleet, craft: Craft) -> None:
     by_position = craft.mode == Mode.LAND and not flight["blind"][row]
     if by_position and action != _REPORT_ONLY:
         flight["blind"][row] = 1  # LAND continues level, without a position (ModeLand::do_not_use_GPS)
-    needed = craft.mode in mode_traits.NEEDS_POSITION or action == _LAND_ALWAYS
+    needed = craft.mode in NEEDS_POSITION or action == _LAND_ALWAYS
     if action == _REPORT_ONLY or by_position or not needed:
         fleet.text(craft, _CRITICAL, "EKF Failsafe")
         return
@@ -208,7 +207,7 @@ def reckoning_over(fleet: Fleet, craft: Craft) -> None:
 
 def reckoning_failsafe(fleet: Fleet, craft: Craft) -> None:
     """Execute the action of FS_DR_ENABLE in modes that require a position."""
-    if craft.mode not in mode_traits.NEEDS_POSITION:
+    if craft.mode not in NEEDS_POSITION:
         return
     if should_disarm(fleet, craft):
         if fleet.armed(craft):

@@ -10,13 +10,12 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin import mode_traits
 from skyrange.vehicle.builtin.arming import disarm
-from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, option, should_disarm
+from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, is_landing, option, should_disarm
 from skyrange.vehicle.builtin.failsafes.alarms import Alarm
 from skyrange.vehicle.builtin.failsafes.battery import lands_for_battery
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
-from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.modes import AUTOPILOT, Mode
 
 _LOST = int(Alarm.STATION_LOST)
 _BACK = int(Alarm.STATION_BACK)
@@ -63,7 +62,7 @@ def seen(fleet: Fleet, craft: Craft) -> None:
 def lost(fleet: Fleet, craft: Craft) -> None:
     """Report that there was no heartbeat for FS_GCS_TIMEOUT, and act."""
     action = ACTIONS.get(int(fleet.param(craft, "FS_GCS_ENABLE")), Action.RTL)
-    landing = mode_traits.landing(fleet, craft)
+    landing = is_landing(fleet, craft)
     if not fleet.armed(craft):
         action = Action.NONE
         announce(fleet, craft, "GCS")
@@ -80,7 +79,7 @@ def lost(fleet: Fleet, craft: Craft) -> None:
     elif craft.shown_mode == Mode.AUTO and option(fleet, craft, Option.GCS_CONTINUE_IF_AUTO):
         action = Action.NONE
         announce(fleet, craft, "GCS", "Continuing Auto Mode")
-    elif option(fleet, craft, Option.GCS_CONTINUE_IF_PILOT_CONTROL) and craft.mode not in mode_traits.AUTOPILOT:
+    elif option(fleet, craft, Option.GCS_CONTINUE_IF_PILOT_CONTROL) and craft.mode not in AUTOPILOT:
         action = Action.NONE
         announce(fleet, craft, "GCS", "Continuing Pilot Control")
     else:
