@@ -140,7 +140,7 @@ class BuiltinFleet:
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
         self._fleet.stored[:] = stored
-        self._tuning = Tuning([spec.airframe for spec in specs], settings)
+        self._gain_sets = Tuning([spec.airframe for spec in specs], settings)
         for craft in crafts:
             sticks_in.place(self._fleet, craft)
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
@@ -162,10 +162,10 @@ class BuiltinFleet:
             (tick - self._last_tick) / NS_PER_S if self._last_tick is not None and tick > self._last_tick else QUANTUM_S
         )
         self._last_tick = tick
-        tuning = self._tuning
-        tuning.renew(tick, dt_s)
+        gain_sets = self._gain_sets
+        gain_sets.renew(tick, dt_s)
         if self._estimator.update(
-            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], tuning.which, tuning.sets
+            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], gain_sets.which, gain_sets.sets
         ):
             resets.tell(fleet, self._estimator.filters)
         if len(inbox):
@@ -175,7 +175,14 @@ class BuiltinFleet:
             for row in take_heartbeats(fleet, mail):
                 self._receive(inbox.arrival(mail.order.item(row)))
         if loop.turn(
-            fleet.estimate, fleet.flight, fleet.legs, tuning.which, tuning.gains, tuning.sets, self._actuators, dt_s
+            fleet.estimate,
+            fleet.flight,
+            fleet.legs,
+            gain_sets.which,
+            gain_sets.gains,
+            gain_sets.sets,
+            self._actuators,
+            dt_s,
         ):
             self._handle_events()
         if tick % SERVICE_NS == 0:

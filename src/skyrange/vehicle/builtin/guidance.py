@@ -25,17 +25,17 @@ from skyrange.vehicle.builtin.shaping import (
     wrap_pi,
 )
 
-_CLIMBED = int(Flag.CLIMBED)
-_LEVELLED = int(Flag.LEVELLED)
+_TAKEOFF_COMPLETE = int(Flag.CLIMBED)
+_ALTITUDE_REACHED = int(Flag.LEVELLED)
 _LEG = int(Control.LEG)
 _POSITION = int(Control.POSITION)
 _VELOCITY = int(Control.VELOCITY)
 _LAND = int(Control.LAND)
 _TAKEOFF = int(Control.TAKEOFF)
-_TRACK = int(Control.TRACK)
+_POS_VEL_ACCEL = int(Control.TRACK)
 _ACCEL = int(Control.ACCEL)
 _CIRCLE = int(Control.CIRCLE)
-_ALTITUDE = int(Control.ALTITUDE)
+_LOITER_TO_ALT = int(Control.ALTITUDE)
 _ATTITUDE = int(Control.ATTITUDE)
 _ALT_HOLD = int(Control.ALT_HOLD)
 _LOITER = int(Control.LOITER)
@@ -173,7 +173,7 @@ def _loiter_to_alt(e: Any, f: Any, p: Any, dt_s: float) -> None:
     want = sqrt_controller(-error, p.PSC_POSZ_P, f.accel_z, dt_s)
     _input_vel_accel_u(e, f, p, clamp(want, -f.speed_down, f.speed_up), 0.0, dt_s)
     if abs(error) < _LEVEL_M or error * f.target_vel[2] < 0.0:
-        f.flags |= _LEVELLED
+        f.flags |= _ALTITUDE_REACHED
     f.target_vel[2] = error  # only its sign is used, in the next step
 
 
@@ -199,7 +199,7 @@ def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         _input_vel_accel_u(e, f, p, f.target_vel[2], f.target_acc[2], dt_s)
         for axis in range(3):
             f.target_vel[axis] += f.target_acc[axis] * dt_s
-    elif control == _TRACK:
+    elif control == _POS_VEL_ACCEL:
         _input_pos_vel_accel_ne(e, f, p, dt_s)
         _input_pos_vel_accel_u(e, f, p, dt_s)
         for axis in range(3):
@@ -226,10 +226,10 @@ def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         # within 1 % of the stopping distance and below 10 % of the climb rate (takeoff.cpp)
         slow = 0.1 * f.speed_up
         if f.ref_pos[2] >= f.target_pos[2] - 0.5 * slow * slow / f.accel_z and f.ref_vel[2] < slow:
-            f.flags |= _CLIMBED
+            f.flags |= _TAKEOFF_COMPLETE
     elif control == _CIRCLE:
         _update_circle(e, f, p, dt_s)
-    elif control == _ALTITUDE:
+    elif control == _LOITER_TO_ALT:
         _loiter_to_alt(e, f, p, dt_s)
     elif control == _LOITER:
         sticks.loiter(e, f, p, dt_s)

@@ -14,10 +14,10 @@ from skyrange.vehicle.builtin.layout import Heading, Records
 from skyrange.vehicle.builtin.shaping import clamp, wrap_pi
 
 _HOLD = int(Heading.HOLD)
-_NEXT = int(Heading.NEXT)
+_LOOK_AT_NEXT_WP = int(Heading.NEXT)
 _ROI = int(Heading.ROI)
 _FIXED = int(Heading.FIXED)
-_AHEAD = int(Heading.AHEAD)
+_LOOK_AHEAD = int(Heading.AHEAD)
 _ANGLE_RATE = int(Heading.ANGLE_RATE)
 _RATE = int(Heading.RATE)
 _CIRCLE = int(Heading.CIRCLE)
@@ -40,7 +40,7 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
         return True, 0.0, 0.0
     if kind == _RATE:
         return True, 0.0, f.target_yaw_rate
-    if kind == _NEXT:
+    if kind == _LOOK_AT_NEXT_WP:
         vel_e = f.ref_vel[0]
         vel_n = f.ref_vel[1]
         square = vel_e * vel_e + vel_n * vel_n
@@ -58,7 +58,7 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
         step = clamp(f.turn_left, -dt_s * f.turn_rate, dt_s * f.turn_rate)
         f.turn_left -= step
         f.target_yaw = wrap_pi(f.target_yaw + step)
-    elif kind == _AHEAD:
+    elif kind == _LOOK_AHEAD:
         if e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1] > _LOOK_AHEAD_MPS * _LOOK_AHEAD_MPS:
             f.target_yaw = math.atan2(e.vel[1], e.vel[0])
     elif kind == _ANGLE_RATE:

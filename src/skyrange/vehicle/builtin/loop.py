@@ -27,9 +27,9 @@ _STABILIZE = int(Control.STABILIZE)
 _ALT_HOLD = int(Control.ALT_HOLD)
 _LOITER = int(Control.LOITER)
 _HOLD = int(Heading.HOLD)
-_LIFTED = int(Flag.LIFTED)
-_LANDED = int(Flag.LANDED)
-_CRASHED = int(Flag.CRASHED)
+_LIFT_OFF = int(Flag.LIFTED)
+_LAND_COMPLETE = int(Flag.LANDED)
+_CRASH = int(Flag.CRASHED)
 _CDEG = math.pi / 18_000.0
 # land_detector.cpp and config.h (LAND_DETECTOR_*, LAND_CHECK_*)
 _LAND_S = 1.0
@@ -102,10 +102,10 @@ def _hold_level(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> No
 
 
 @kernel
-def _lift_off(f: Any) -> None:
+def _leave_ground(f: Any) -> None:
     f.landed = 0
     f.land_s = 0.0
-    f.flags |= _LIFTED
+    f.flags |= _LIFT_OFF
     f.slow_s = 1e9
 
 
@@ -123,7 +123,7 @@ def _run_takeoff(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) 
     _hold_level(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
     if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
         f.throttle_i = f.throttle - p.MOT_THST_HOVER
-        _lift_off(f)
+        _leave_ground(f)
 
 
 @kernel
@@ -135,7 +135,7 @@ def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: floa
             take_reference(e, f)
             _idle_motors(f, p, out, i, dt_s)
         elif _spool(e, f, p, out, i, dt_s):
-            _lift_off(f)
+            _leave_ground(f)
     elif sticks.climb_rate(f, p) > 0.0:
         sticks.throttle_zero(f, dt_s)
         _run_takeoff(e, f, p, g, out, i, dt_s)
@@ -188,14 +188,14 @@ def _update_detectors(e: Any, f: Any, dt_s: float) -> None:
     )
     f.crash_s = f.crash_s + dt_s if thrown else 0.0
     if f.crash_s >= _CRASH_S:
-        f.flags |= _CRASHED
+        f.flags |= _CRASH
     f.land_s = f.land_s + dt_s if still else 0.0
     if f.land_s >= _LAND_S:
         f.landed = 1
         if f.control < _STABILIZE:
             f.control = _IDLE
         f.throttle = 0.0
-        f.flags |= _LANDED
+        f.flags |= _LAND_COMPLETE
 
 
 @kernel

@@ -20,7 +20,7 @@ from skyrange.vehicle.builtin.layout import Control, Flag, Records
 from skyrange.vehicle.builtin.shaping import clamp, stopping_distance
 
 _LEG = int(Control.LEG)
-_ARRIVED = int(Flag.ARRIVED)
+_DESTINATION_REACHED = int(Flag.ARRIVED)
 _CDEG = math.pi / 18_000.0
 # AC_PosControl.cpp POSCONTROL_STOPPING_DIST_{UP,DOWN}_MAX_M
 _MAX_STOP_UP_M = 3.0
@@ -76,8 +76,8 @@ def _init_unless_active(e: Any, f: Any, w: Any, p: Any) -> None:
     if w.reached == 0 or f.control != _LEG:
         begin(e, f, w, p)
     f.control = _LEG
-    f.flags &= ~_ARRIVED
-    f.seen &= ~_ARRIVED
+    f.flags &= ~_DESTINATION_REACHED
+    f.seen &= ~_DESTINATION_REACHED
 
 
 @kernel
@@ -286,7 +286,7 @@ def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         if off > radius * radius:
             return
     w.reached = 1
-    f.flags |= _ARRIVED
+    f.flags |= _DESTINATION_REACHED
 
 
 @kernel

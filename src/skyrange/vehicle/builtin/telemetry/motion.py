@@ -36,7 +36,7 @@ POSITION_KNOWN: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
 _LEG: Final = int(Control.LEG)
 _POSITION_CONTROL: Final = int(Control.POSITION)
 _TAKEOFF: Final = int(Control.TAKEOFF)
-_TRACK: Final = int(Control.TRACK)
+_POS_VEL_ACCEL: Final = int(Control.TRACK)
 _ACCEL_CONTROL: Final = int(Control.ACCEL)
 _ATTITUDE_CONTROL: Final = int(Control.ATTITUDE)
 # POSITION_TARGET_TYPEMASK bits to ignore
@@ -234,7 +234,7 @@ def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
     """POSITION_TARGET_LOCAL_NED of GUIDED: the last target, by its kind."""
     f = fleet.flight
     control = f["control"][rows]
-    track, push = control == _TRACK, control == _ACCEL_CONTROL
+    track, push = control == _POS_VEL_ACCEL, control == _ACCEL_CONTROL
     placed = has_place(fleet, rows) | (control == _TAKEOFF) | track
     moved = ~placed & ~push | track
     pushed = push | moved
