@@ -1,6 +1,6 @@
 """Reference of position control: how it moves in each control mode, and the events that this raises.
 
-Legs are in `guidance.wpnav`, sticks in `pilot.input`. The rest is ArduPilot's input shaping (AC_PosControl
+Legs are in `guidance.wpnav`, sticks in `pilot.stick_input`. The rest is ArduPilot's input shaping (AC_PosControl
 `input_pos_NEU_m`, `input_vel_accel_NE_m`, `input_pos_vel_accel_NE_m`, `input_accel_NE_m`). Take-off is
 ArduCopter/takeoff.cpp `_AutoTakeoff::run`, landing mode.cpp `land_run_vertical_control`, the circle
 libraries/AC_WPNav/AC_Circle.cpp.
