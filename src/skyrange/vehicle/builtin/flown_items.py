@@ -77,8 +77,8 @@ def begin(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot
     if command == DELAY:
         _do_nav_delay(fleet, craft, slot)
         return True
-    if landed:
-        return command not in (RTL, LAND)  # complete at once, as in ArduPilot's verify_land and RTL::run
+    if landed:  # these are complete at once, as in ArduPilot's verify_land and RTL::run
+        return command not in (RTL, LAND)
     if command in (WAYPOINT, UNLIM, TIME, TO_ALT):
         goal = goal_of(fleet, craft, slot, _default_location(fleet, craft))
         _set_wp_destination(fleet, craft, goal)
