@@ -59,17 +59,17 @@ class View(NamedTuple):
     rows: NDArray[np.int64]
     bits: NDArray[np.int64]
     """ARMING_CHECK."""
-    by_position: Mask
+    requires_position: Mask
     """The mode requires a position."""
-    by_hand: Mask
+    manual_throttle: Mask
     """The mode has manual throttle."""
     needs_mission: Mask
-    located: Mask
+    has_position: Mask
     """There is a valid position."""
-    fenced: Mask
+    fence_requires_position: Mask
     """A fence that requires a position is in force."""
 
-    def asked(self, bit: Bit) -> Mask:
+    def check_enabled(self, bit: Bit) -> Mask:
         """Where ARMING_CHECK has a bit, or all."""
         return np.asarray(self.bits & (Bit.ALL | bit) != 0)
 
@@ -90,42 +90,42 @@ def view(fleet: Fleet, rows: NDArray[np.int64]) -> View:
     )
 
 
-def _gcs_failsafe_check(fleet: Fleet, seen: View) -> list[Reason]:
-    return [(fleet.watch["station_lost"][seen.rows] != 0, "GCS failsafe on")]
+def _gcs_failsafe_check(fleet: Fleet, inputs: View) -> list[Reason]:
+    return [(fleet.watch["station_lost"][inputs.rows] != 0, "GCS failsafe on")]
 
 
-def _alt_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    return [(~seen.by_hand & ~position.height_known(fleet, seen.rows), "Need Alt Estimate")]
+def _alt_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    return [(~inputs.manual_throttle & ~position.height_known(fleet, inputs.rows), "Need Alt Estimate")]
 
 
-def _barometer_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    estimate, rows = fleet.estimate, seen.rows
+def _barometer_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    estimate, rows = fleet.estimate, inputs.rows
     status = estimate["status"][rows]
     by_baro = (status & _PRED_POS_REL == 0) & (status & _PRED_POS_ABS != 0)
     apart = np.abs(estimate["pos"][rows, 2] - estimate["baro_up"][rows]) > _MAX_ALT_DISPARITY_M
-    return [(seen.asked(Bit.BARO) & by_baro & apart, "Altitude disparity")]
+    return [(inputs.check_enabled(Bit.BARO) & by_baro & apart, "Altitude disparity")]
 
 
-def _ins_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    bad = fleet.estimate["status"][seen.rows] & position.ATTITUDE == 0
-    return [(seen.asked(Bit.INS) & bad, "EKF attitude is bad")]
+def _ins_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    bad = fleet.estimate["status"][inputs.rows] & position.ATTITUDE == 0
+    return [(inputs.check_enabled(Bit.INS) & bad, "EKF attitude is bad")]
 
 
-def _compass_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    field = 1000.0 * np.sqrt((fleet.estimate["compass"][seen.rows] ** 2).sum(axis=1))
+def _compass_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    field = 1000.0 * np.sqrt((fleet.estimate["compass"][inputs.rows] ** 2).sum(axis=1))
     odd = (field > _FIELD_MAX_MGAUSS) | (field < _FIELD_MIN_MGAUSS)
 
     def words(craft: Craft) -> str:
         mgauss = 1000.0 * float(np.sqrt((fleet.estimate["compass"][craft.row] ** 2).sum()))
         return f"Check mag field: {mgauss:4.0f}, max {_FIELD_MAX_MGAUSS}, min {_FIELD_MIN_MGAUSS}"
 
-    return [(seen.asked(Bit.COMPASS) & odd, words)]
+    return [(inputs.check_enabled(Bit.COMPASS) & odd, words)]
 
 
-def _gps_checks(fleet: Fleet, seen: View) -> list[Reason]:
+def _gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
     """`gps_checks`: the receiver, where a position is required; then the estimate (`mandatory_gps_checks`)."""
-    estimate, rows = fleet.estimate, seen.rows
-    asked = seen.asked(Bit.GPS) & (seen.by_position | seen.fenced)
+    estimate, rows = fleet.estimate, inputs.rows
+    asked = inputs.check_enabled(Bit.GPS) & (inputs.requires_position | inputs.fence_requires_position)
     lost = (estimate["gnss_fix"][rows] < _FIX_3D) | (estimate["gnss_age_s"][rows] > _GNSS_LOST_S)
     away = estimate["pos"][rows, :2] - estimate["gnss_pos"][rows, :2]
     apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
@@ -139,22 +139,22 @@ def _gps_checks(fleet: Fleet, seen: View) -> list[Reason]:
         (asked & lost, "GPS 1: Bad fix"),
         (asked & (fleet.watch["located"][rows] == 0), "AHRS: waiting for home"),
         (asked & (apart > _MAX_GPS_AHRS_ERROR_M), words),
-        *_mandatory_gps_checks(fleet, seen),
+        *_mandatory_gps_checks(fleet, inputs),
         (asked & rough, "High GPS HDOP"),
     ]
 
 
-def _mandatory_gps_checks(fleet: Fleet, seen: View) -> list[Reason]:
+def _mandatory_gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
     """`mandatory_gps_checks`, also run for forced arming."""
-    estimate, rows = fleet.estimate, seen.rows
+    estimate, rows = fleet.estimate, inputs.rows
     status = estimate["status"][rows]
     most = fleet.settings["FS_EKF_THRESH"][rows]
-    needed = seen.by_position | seen.fenced
+    needed = inputs.requires_position | inputs.fence_requires_position
     ratios = {"compass": "mag_ratio", "position": "pos_ratio", "velocity": "vel_ratio", "height": "hgt_ratio"}
     return [
         (status & position.UNINITIALIZED != 0, "AHRS: EKF3 still initialising"),
-        (seen.by_position & ~seen.located, "Need Position Estimate"),
-        (seen.fenced & ~seen.located, "Fence enabled, need position estimate"),
+        (inputs.requires_position & ~inputs.has_position, "Need Position Estimate"),
+        (inputs.fence_requires_position & ~inputs.has_position, "Fence enabled, need position estimate"),
         (needed & (status & position.GLITCHING != 0), "GPS glitching"),
         *(
             (needed & (most > 0.0) & (estimate[field][rows] >= most), f"EKF {name} variance")
@@ -163,13 +163,13 @@ def _mandatory_gps_checks(fleet: Fleet, seen: View) -> list[Reason]:
     ]
 
 
-def _battery_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    asked = seen.asked(Bit.BATTERY)
-    return [(asked & bad, words) for bad, words in battery.troubles(fleet, seen.rows)]
+def _battery_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    asked = inputs.check_enabled(Bit.BATTERY)
+    return [(asked & bad, words) for bad, words in battery.troubles(fleet, inputs.rows)]
 
 
-def _battery_failsafe_check(fleet: Fleet, seen: View) -> list[Reason]:
-    return [(seen.asked(Bit.VOLTAGE) & (fleet.power["tripped"][seen.rows] != 0), "Battery failsafe")]
+def _battery_failsafe_check(fleet: Fleet, inputs: View) -> list[Reason]:
+    return [(inputs.check_enabled(Bit.VOLTAGE) & (fleet.power["tripped"][inputs.rows] != 0), "Battery failsafe")]
 
 
 _REQUIRED_ITEMS: Final = {
@@ -182,16 +182,16 @@ _REQUIRED_ITEMS: Final = {
 _REQUIRED_RALLY = 32
 
 
-def _mission_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    rows = seen.rows
+def _mission_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    rows = inputs.rows
     wanted = fleet.settings["ARMING_MIS_ITEMS"][rows].astype(np.int64)
     lacks, empty = np.zeros(rows.size, dtype=bool), np.zeros(rows.size, dtype=bool)
     missing: dict[int, str] = {}
-    for place in np.flatnonzero(seen.asked(Bit.MISSION) & (wanted != 0)).tolist():
+    for place in np.flatnonzero(inputs.check_enabled(Bit.MISSION) & (wanted != 0)).tolist():
         row = int(rows[place])
         missing[row] = _missing_item(fleet, row, int(wanted[place]))
         lacks[place] = bool(missing[row])
-    for place in np.flatnonzero(seen.needs_mission).tolist():
+    for place in np.flatnonzero(inputs.needs_mission).tolist():
         empty[place] = not fleet.crafts[rows[place]].sees_mission
     return [(lacks, lambda craft: missing[craft.row]), (empty, "Mode requires mission")]
 
@@ -207,12 +207,12 @@ def _missing_item(fleet: Fleet, row: int, bits: int) -> str:
     return ""
 
 
-def _fence_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    return list(fence.troubles(fleet, seen.rows, seen.located))
+def _fence_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    return list(fence.troubles(fleet, inputs.rows, inputs.has_position))
 
 
-def _opendroneid_checks(fleet: Fleet, seen: View) -> list[Reason]:
-    return list(remote_id.troubles(fleet, seen.rows))
+def _opendroneid_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    return list(remote_id.troubles(fleet, inputs.rows))
 
 
 CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
@@ -245,9 +245,9 @@ def update(fleet: Fleet) -> None:
     rows = np.flatnonzero(flight["armed"] == 0)
     if not rows.size:
         return
-    seen = view(fleet, rows)
-    every = seen.bits != 0
-    found = _run_selected(fleet, seen, CHECKS, every) + _run_selected(fleet, seen, MANDATORY, ~every)
+    inputs = view(fleet, rows)
+    every = inputs.bits != 0
+    found = _run_selected(fleet, inputs, CHECKS, every) + _run_selected(fleet, inputs, MANDATORY, ~every)
     failing = np.zeros(rows.size, dtype=bool)
     for reasons in found:
         for bad, _ in reasons:
@@ -265,16 +265,16 @@ def update(fleet: Fleet) -> None:
 
 def report(fleet: Fleet, craft: Craft, causes: Causes) -> None:
     """Report what prevents arming, if anything does."""
-    seen = view(fleet, np.array([craft.row]))
-    found = _run_selected(fleet, seen, CHECKS if seen.bits[0] else MANDATORY, np.ones(1, dtype=bool))
+    inputs = view(fleet, np.array([craft.row]))
+    found = _run_selected(fleet, inputs, CHECKS if inputs.bits[0] else MANDATORY, np.ones(1, dtype=bool))
     _send_failures(fleet, craft, 0, found, "PreArm", causes)
 
 
 def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
     """Run the checks for an aircraft to be armed now and report failures; if `forced`, only the mandatory ones."""
-    seen = view(fleet, np.array([craft.row]))
-    few = forced or seen.bits[0] == 0
-    found = _run_selected(fleet, seen, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
+    inputs = view(fleet, np.array([craft.row]))
+    few = forced or inputs.bits[0] == 0
+    found = _run_selected(fleet, inputs, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
     failing = any(bad[0] for reasons in found for bad, _ in reasons)
     if failing:
         _send_failures(fleet, craft, 0, found, "Arm", causes)
@@ -282,12 +282,12 @@ def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
 
 
 def _run_selected(
-    fleet: Fleet, seen: View, checks: Sequence[Callable[[Fleet, View], Sequence[Reason]]], where: Mask
+    fleet: Fleet, inputs: View, checks: Sequence[Callable[[Fleet, View], Sequence[Reason]]], where: Mask
 ) -> list[list[Reason]]:
     """Return the failures that checks find, restricted to `where`."""
     if not where.any():
         return []
-    return [[(bad & where, words) for bad, words in check(fleet, seen)] for check in checks]
+    return [[(bad & where, words) for bad, words in check(fleet, inputs)] for check in checks]
 
 
 def _send_failures(
