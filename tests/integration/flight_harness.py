@@ -1,4 +1,4 @@
-"""How is a fleet flown in a test without a kernel? World and autopilot, tick by tick, and a ground station of bytes."""
+"""Harness that flies a fleet without a kernel: world and autopilot, tick by tick, and a ground station of bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One aircraft in the air, to be put in trouble: belief is set by hand, the rest is flown."""
+"""One hovering aircraft whose estimate is set by hand, for tests of failsafes; all else is flown."""
 
 from __future__ import annotations
 

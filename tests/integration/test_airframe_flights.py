@@ -1,4 +1,4 @@
-"""Does the builtin autopilot fly every airframe, in turbulence and on a low battery too?
+"""Flights of every airframe by the builtin autopilot, also in turbulence and on a low battery.
 
 Tolerances are in metres of true position, about twice what the controllers show.
 """

@@ -1,4 +1,4 @@
-"""What does a false GNSS do to an aircraft? What EKF3 does: gates, dead reckoning, and resets after its own time-outs.
+"""False GNSS in flight: gates, dead reckoning, and resets after EKF3's time-outs.
 
 Times and names are those of ArduPilot's libraries/AP_NavEKF3: `posRetryTimeUseVel_ms` 10 s, `posRetryTimeNoVel_ms` 7 s,
 `tiltDriftTimeMax_ms` 15 s, `deadReckonDeclare_ms` 1 s. The aircraft hovers in GUIDED, sensors with noise.

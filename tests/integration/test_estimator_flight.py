@@ -1,4 +1,4 @@
-"""Is belief as far from truth as the filter thinks, and does an aircraft fly well by it?"""
+"""Errors of the estimate in flight: consistent with the variances of the filter, and small enough to fly well."""
 
 from __future__ import annotations
 

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fence_zones import MAX_ITEMS as FENCE_ITEMS
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.rally import MAX_ITEMS as RALLY_ITEMS
+from skyrange.vehicle.builtin.watch_layout import MAX_FENCE_ITEMS as FENCE_ITEMS
 from skyrange.vehicle.spec import VehicleSpec
 from tests.integration.flight_harness import Range, square
 from tests.integration.hovering import V, hovering

@@ -1,4 +1,4 @@
-"""Small things that a real ArduCopter does, found by flying one beside the builtin: tests/parity compares the two."""
+"""Details of a real ArduCopter's behaviour, found by flying one beside the builtin: tests/parity compares the two."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does a fleet last? Missions that go on and on over bad links, a ground station that vanishes and returns, every item.
+"""Endurance of a fleet: long missions over bad links, a ground station that vanishes and returns, every item.
 
 The links are as bad as a poor mobile network: 1 % of the frames lost, and up to 200 ms of jitter on `gcs`.
 """

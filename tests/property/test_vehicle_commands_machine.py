@@ -1,4 +1,4 @@
-"""Which valid commands, in which order, bring an aircraft down? None: a state machine sends any of them to two.
+"""Valid commands in any order, sent by a state machine to two aircraft: none brings one down.
 
 What is drawn is what a sane ground station may send: any mode, mission, target, parameter or stick that does not itself
 ask for a crash (no target below the ground, no motors off in the air, no gain that cannot fly). Whatever the order, an

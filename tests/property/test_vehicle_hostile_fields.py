@@ -1,4 +1,4 @@
-"""What does a flying aircraft make of each field that an attacker can fill? ArduCopter's answer, and it flies on.
+"""Every field that an attacker can fill: a flying aircraft answers like ArduCopter and flies on.
 
 Every row is one message to an aircraft that hovers in GUIDED, or flies a mission, and the answer of ArduPilot's source:
 MAV_RESULTs of ArduCopter/GCS_MAVLink_Copter.cpp and libraries/GCS_MAVLink/GCS_Common.cpp, MAV_MISSION_RESULTs of

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point, Polygon
 
-from skyrange.vehicle.builtin.fence_zones import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, ZONES, outside
+from skyrange.vehicle.builtin.fence_zones import outside
+from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, ZONES
 
 SQUARE = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
 

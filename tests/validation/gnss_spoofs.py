@@ -1,4 +1,4 @@
-"""What did ArduCopter do under false GNSS? Settings and reactions, to be flown by any autopilot of the range.
+"""Settings of false GNSS and ArduCopter's reactions to them, to be flown by any autopilot of the range.
 
 Measured on ArduCopter V4.7.0-dev (ArduPilot 2598e9d4), simulated over its JSON backend at 800 steps a second with a
 quad of SIM_Frame's formulas and ideal inertial sensors, GNSS by GPS_INPUT at 5 Hz, 12 satellites, GPS1_DELAY_MS 1, all

@@ -1,4 +1,4 @@
-"""Does every airframe of the table hover, climb, sink, lean and turn as its numbers and the formulas say?"""
+"""Every airframe of the table hovers, climbs, sinks, leans and turns as its numbers and the formulas say."""
 
 from __future__ import annotations
 

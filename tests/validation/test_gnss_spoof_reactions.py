@@ -1,4 +1,4 @@
-"""Does the builtin react to false GNSS as ArduCopter does? `gnss_spoofs`, flown, and read from the record.
+"""Reactions of the builtin to false GNSS, compared with ArduCopter's: `gnss_spoofs`, flown and read from the record.
 
 What happened is taken from what a run records: notes, STATUSTEXT and EKF_STATUS_REPORT, and the true position.
 """

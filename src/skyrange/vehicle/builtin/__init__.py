@@ -1,27 +1,26 @@
-"""The builtin autopilot: ArduCopter's behaviour for a fleet, arrays at loop rate and objects at message rate.
+"""Builtin autopilot: ArduCopter's behaviour for a whole fleet, in compiled loops over arrays and objects per message.
 
-Where it knowingly differs from ArduCopter 4.6:
+Known differences from ArduCopter 4.6:
 
-- Its estimator is a smaller EKF3 (`estimation`): one lane, three covariances, no drag fusion, no wind or terrain
+- The estimator is a reduced EKF3 (`estimation`): one core (lane), three covariances, no drag fusion, no wind or terrain
   states.
-- Modes are STABILIZE, ALT_HOLD, AUTO (with AUTO_RTL), GUIDED, LOITER, RTL, LAND and BRAKE; others do not exist.
-- Sticks are moved by MAVLink alone. Where nothing moves the throttle, ALT_HOLD and LOITER hold the height as in
-  ArduCopter's failsafe of the radio, which does not exist here: it would also return or land.
-- Failsafes are looked at every 100 ms; there is no SmartRTL, no thrust boost, no vibration, terrain or CPU
-  failsafe.
-- Terrain is flat, at the height of the origin.
-- Mission items that are flown otherwise are refused: guided within a mission, payload, attitude for a time,
-  scripts, the VTOL names of take-off and landing, jumps to tags, DO_RETURN_PATH_START. An item waits to be started
-  until the motors are armed.
-- A waypoint that is reached again is so once a second at most, not at every turn of the loop; a jump back among DO
-  items that go with a navigation item ends them, where ArduCopter would do them until the next navigation item.
-- A pause in AUTO brakes as one in GUIDED does and goes on along a new leg from where it came to rest; ArduCopter's
-  slows down along the leg, which is another way in curves and corners only.
-- There is no motor test: UNSUPPORTED on the ground. Calibration, cameras and gimbals have no commands.
-- Messages are sent on the 10 ms grid, each at most once there, whatever its interval.
-- A parameter out of its range is stored as it comes and acts as the nearest value inside; SYSID_THISMAV acts at
-  boot.
-- A field that is no number, where ArduPilot makes an integer of it, is refused.
-- On touchdown it softens its hold on the place, so that it also disarms in a wind that it has to lean into.
-- Yaw gains of the airframes are tuned (`parameters.TUNING`); BATT_MONITOR is 4, as in SITL.
+- The modes are STABILIZE, ALT_HOLD, AUTO (with AUTO_RTL), GUIDED, LOITER, RTL, LAND and BRAKE. No others exist.
+- The sticks are moved by MAVLink alone. Where nothing moves the throttle, ALT_HOLD and LOITER hold the height, as
+  ArduCopter does in its radio failsafe. That failsafe does not exist here; it would also return or land.
+- Failsafes are checked every 100 ms. There is no SmartRTL, no thrust boost, and no vibration, terrain or CPU failsafe.
+- The terrain is flat, at the height of the origin.
+- Mission items that this autopilot would fly differently are refused: guided mode within a mission, payload placement,
+  attitude for a time, scripts, the VTOL forms of take-off and landing, jumps to tags, DO_RETURN_PATH_START. No item
+  starts before the motors are armed.
+- A waypoint counts as reached again after one second at the earliest, not in every pass of the loop. A jump back among
+  the DO commands of one navigation command ends them; ArduCopter would run them until the next navigation command.
+- A pause in AUTO brakes like a pause in GUIDED and continues along a new leg from where the aircraft came to rest.
+  ArduCopter slows down along the leg, which is a different path in curves and corners only.
+- There is no motor test: on the ground it is UNSUPPORTED. Calibration, cameras and gimbals have no commands.
+- Messages are sent on the 10 ms grid, each at most once per grid point, whatever its interval.
+- A parameter value outside its range is stored as received and takes effect as the nearest value inside the range;
+  SYSID_THISMAV takes effect at boot.
+- A field that is not a number is refused where ArduPilot would convert it to an integer.
+- On touchdown the position hold is softened, so that the aircraft also disarms in a wind that it has to lean into.
+- The yaw gains of the airframes are tuned (`parameters.table.AIRFRAME_TUNING`); BATT_MONITOR is 4, as in SITL.
 """

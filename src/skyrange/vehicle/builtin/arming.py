@@ -1,7 +1,7 @@
-"""May the motors turn? Arming, disarming, and disarming by itself on the ground.
+"""Arming and disarming, the automatic disarming on the ground, and the start of a take-off.
 
 After ArduCopter/AP_Arming_Copter.cpp (`arm`, `arm_checks`, `disarm`) and ArduCopter/motors.cpp `auto_disarm_check`.
-What is checked beforehand, and told while it fails, is in `prearm`.
+The pre-arm checks are in `arming.prearm`.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from skyrange.vehicle.builtin.modes import PILOTED, Mode, armable
 
 FORCE_ARM = 2989.0
 FORCE = 21196.0
-"""Magic numbers in param2 of MAV_CMD_COMPONENT_ARM_DISARM (GCS_Common.cpp): force arming; force either."""
+"""Magic numbers in param2 of MAV_CMD_COMPONENT_ARM_DISARM (GCS_Common.cpp): to force arming; to force either."""
 
 
 def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
-    """Arm where the checks allow it, of which few are left if not `checked`: home moves here, motors idle."""
+    """Arm if the checks pass, and return whether it is armed: home moves here, the motors idle.
+
+    Without `checked` only the mandatory checks run.
+    """
     if not prearm.passes(fleet, craft, not checked, causes):
         return False
     why = _refusal(fleet, craft) if checked else ""
@@ -50,7 +53,7 @@ def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
 
 
 def _refusal(fleet: Fleet, craft: Craft) -> str:
-    """Why a craft that passes the pre-arm checks may not be armed all the same (`arm_checks`), or ""."""
+    """Return why an aircraft that passes the pre-arm checks may not be armed (`arm_checks`), or ""."""
     if not armable(craft.shown_mode, int(fleet.param(craft, "AUTO_OPTIONS"))):
         return f"{Mode(craft.shown_mode).name} mode not armable"
     checks = int(fleet.param(craft, "ARMING_CHECK"))
@@ -63,7 +66,7 @@ def _refusal(fleet: Fleet, craft: Craft) -> str:
 
 
 def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
-    """Stop the motors, wherever the craft is, and put the mission back to its start."""
+    """Stop the motors, also in flight, and set the mission back to its start."""
     flight, row = fleet.flight, craft.row
     flight["armed"][row] = 0
     flight["landed"][row] = 1
@@ -88,13 +91,13 @@ def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
 
 
 def idle_end(fleet: Fleet, craft: Craft) -> Time:
-    """When a craft that stands armed from now on disarms by itself: DISARM_DELAY, never where that is 0."""
+    """Return when an aircraft that stands armed from now on disarms automatically: after DISARM_DELAY, never for 0."""
     delay_s = fleet.param(craft, "DISARM_DELAY")
     return fleet.now + from_seconds(delay_s) if delay_s > 0 else NEVER
 
 
 def take_off(fleet: Fleet, craft: Craft, up: float) -> None:
-    """Climb to a height (above the origin) from where it is, at the speeds in force: with spool-up, or in flight."""
+    """Climb to a height `up` (m above the origin) at the speeds in force: with spool-up on the ground, or in flight."""
     row, flight = craft.row, fleet.flight
     flight["flags"][row] = flight["seen"][row] = 0
     flight["target_pos"][row, 2] = up

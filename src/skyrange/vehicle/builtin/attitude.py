@@ -1,9 +1,9 @@
-"""How does an aircraft take an attitude? Shaped targets with feed-forward, angle and rate control, and the mixer.
+"""Attitude control: shaped targets with feed-forward, angle and rate controllers, and the motor mixer.
 
 After libraries/AC_AttitudeControl/AC_AttitudeControl.cpp (`input_thrust_vector_heading_rad`,
 `input_thrust_vector_rate_heading_rads`, `attitude_controller_run_quat`, `update_ang_vel_target_from_att_error`), AC_PID
 and libraries/AP_Motors/AP_MotorsMatrix.cpp (`output_armed_stabilizing`). Targets are shaped when position control runs;
-between, they turn on at their rates. Rotations are split into a tilt and a turn about the thrust, as there.
+in between they turn at their rates. As in ArduCopter, a rotation is split into a tilt and a turn about the thrust axis.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from skyrange.vehicle.builtin.shaping import clamp, sqrt_controller
 _TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
 _TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
 _TILT_FAR2 = math.sin(_TILT_ERROR_RAD) ** 2
-_TINY = 1e-3  # squared sine up to which three terms of a series are exact to 1e-9
+_SERIES_LIMIT = 1e-3  # squared sine up to which three terms of a series are exact to 1e-9
 _YAW_HEADROOM = 0.2  # MOT_YAW_HEADROOM's 200 of 1000
 
 
 @kernel
 def _double_arcsine(s2: float) -> float:
-    """2·asin(s)/s by its series, exact to 1e-9 for squares up to 0.04."""
-    if s2 < _TINY:
+    """2·asin(s)/s as a series of s², exact to 1e-9 for squares up to 0.04."""
+    if s2 < _SERIES_LIMIT:
         return 2.0 + s2 * (1.0 / 3.0 + s2 * (3.0 / 20.0))
     return 2.0 + s2 * (
         1.0 / 3.0 + s2 * (3.0 / 20.0 + s2 * (15.0 / 168.0 + s2 * (105.0 / 1728.0 + s2 * 945.0 / 21120.0)))
@@ -34,7 +34,7 @@ def _double_arcsine(s2: float) -> float:
 
 @kernel
 def whole_angle(s2: float) -> float:
-    """An angle from the squared sine of its half."""
+    """Return an angle from the squared sine of its half."""
     s2 = clamp(s2, 0.0, 1.0)
     s = math.sqrt(s2)
     return s * _double_arcsine(s2) if s2 < 0.04 else 2.0 * math.asin(s)
@@ -50,7 +50,7 @@ def _angle_over_sine(s: float, c: float) -> float:
 def rotation(
     aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float
 ) -> tuple[float, float, float, float]:
-    """The rotation from attitude a to attitude b, seen from a: conj(a) times b, with w at least 0."""
+    """Return the rotation from attitude a to attitude b in the frame of a: conj(a) times b, with w at least 0."""
     w = aw * bw + ax * bx + ay * by + az * bz
     x = aw * bx - ax * bw - ay * bz + az * by
     y = aw * by + ax * bz - ay * bw - az * bx
@@ -62,12 +62,12 @@ def rotation(
 
 @kernel
 def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """A rotation as (roll, pitch, yaw errors in rad, squared sine of half the tilt): tilted first, then turned about.
+    """Return a rotation as (roll, pitch, yaw errors in rad, squared sine of half the tilt): tilt first, then turn.
 
-    Small tilts and turns by series that are exact to 1e-9: asin(s)/(s·√(1-s²)) and 1/√(1-s²).
+    Small tilts and turns use series that are exact to 1e-9: asin(s)/(s·√(1-s²)) and 1/√(1-s²).
     """
     s2 = x * x + y * y
-    if s2 < _TINY:
+    if s2 < _SERIES_LIMIT:
         ratio = 2.0 + s2 * (4.0 / 3.0 + s2 * (16.0 / 15.0))
         scale = 1.0 + s2 * (0.5 + s2 * 0.375)
     elif s2 < 0.04:
@@ -76,7 +76,7 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
         scale = 1.0 + s2 * (0.5 + s2 * (0.375 + s2 * (0.3125 + s2 * (35.0 / 128.0 + s2 * (63.0 / 256.0)))))
     else:
         level = math.sqrt(w * w + z * z)
-        if level < 1e-9:  # upside down: any way over is as good
+        if level < 1e-9:  # upside down: every axis is equally short
             return math.pi, 0.0, 0.0, 1.0
         scale = 1.0 / level
         ratio = scale * _angle_over_sine(math.sqrt(s2), level)
@@ -89,13 +89,13 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
 
 @kernel
 def cos_lean(e: Any) -> float:
-    """The cosine of the lean: how much of the thrust points up."""
+    """Return the cosine of the lean angle: the share of the thrust that points up."""
     return float(1.0 - 2.0 * (e.quat[1] * e.quat[1] + e.quat[2] * e.quat[2]))
 
 
 @kernel
 def start(e: Any, f: Any) -> None:
-    """Let the attitude target be the attitude, at rest (`reset_target_and_rate`)."""
+    """Set the attitude target to the estimated attitude, at rest (`reset_target_and_rate`)."""
     for part in range(4):
         f.att[part] = e.quat[part]
     for axis in range(3):
@@ -104,15 +104,15 @@ def start(e: Any, f: Any) -> None:
 
 @kernel
 def start_at(e: Any, f: Any) -> None:
-    """Let the attitude target be the attitude, its rates staying (`input_rate_bf_roll_pitch_yaw_rads`)."""
+    """Set the attitude target to the estimated attitude and keep its rates (`input_rate_bf_roll_pitch_yaw_rads`)."""
     for part in range(4):
         f.att[part] = e.quat[part]
 
 
 @kernel
 def follow(f: Any, g: Any, dt_s: float) -> None:
-    """Shape the attitude target towards `want_quat`, which turns at `want_rate` (`input_quaternion`)."""
-    _turn_on(f.want_quat, f.want_rate, dt_s)
+    """Shape the attitude target towards `guided_quat`, which turns at `guided_ang_vel` (`input_quaternion`)."""
+    _rotate_by_rates(f.want_quat, f.want_rate, dt_s)
     q = f.want_quat
     steer(f, g, q[0], q[1], q[2], q[3], False, f.want_rate[2], dt_s)
 
@@ -133,16 +133,16 @@ def turn_by(f: Any, yaw: float) -> None:
 
 
 @kernel
-def _shape(rate: float, wanted: float, accel: float, dt_s: float) -> float:
-    """`input_shaping_ang_vel`: towards a rate, within an angular acceleration."""
+def _input_shaping_ang_vel(rate: float, wanted: float, accel: float, dt_s: float) -> float:
+    """Move a rate towards another within an angular acceleration (`input_shaping_ang_vel`)."""
     return rate + clamp(wanted - rate, -accel * dt_s, accel * dt_s)
 
 
 @kernel
 def aim(f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, yaw_rate: float, dt_s: float) -> None:
-    """Shape the attitude target towards a thrust direction and a heading (or, `turning`, a yaw rate alone).
+    """Shape the attitude target towards a thrust direction and a heading (or, with `turning`, a yaw rate alone).
 
-    The thrust is to point along the wanted acceleration, m/s², on top of gravity.
+    The thrust shall point along the requested acceleration, m/s² (east, north), on top of gravity.
     """
     length = math.sqrt(acc_e * acc_e + acc_n * acc_n + GRAVITY_MPS2 * GRAVITY_MPS2)
     # half-angle form of the shortest rotation from straight up to the thrust direction
@@ -164,24 +164,24 @@ def aim(f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, y
 
 @kernel
 def steer(f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float) -> None:
-    """Shape the attitude target towards an attitude; of its heading only the rate counts where `turning`."""
+    """Shape the attitude target towards an attitude; with `turning`, its heading follows the yaw rate alone."""
     ew, ex, ey, ez = rotation(f.att[0], f.att[1], f.att[2], f.att[3], w, x, y, z)
     roll, pitch, turn, _ = tilt_and_turn(ew, ex, ey, ez)
     accel = g.accel_max[0]
-    f.att_rate[0] = _shape(f.att_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s)
+    f.att_rate[0] = _input_shaping_ang_vel(f.att_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s)
     accel = g.accel_max[1]
-    f.att_rate[1] = _shape(f.att_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s)
+    f.att_rate[1] = _input_shaping_ang_vel(f.att_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s)
     accel = g.accel_max[2]
     if turning:
-        f.att_rate[2] = _shape(f.att_rate[2], yaw_rate, accel, dt_s)
+        f.att_rate[2] = _input_shaping_ang_vel(f.att_rate[2], yaw_rate, accel, dt_s)
     else:
         wanted = clamp(yaw_rate, -g.slew, g.slew) + sqrt_controller(turn, g.input_p, accel, dt_s)
-        f.att_rate[2] = _shape(f.att_rate[2], clamp(wanted, -g.slew, g.slew), accel, dt_s)
+        f.att_rate[2] = _input_shaping_ang_vel(f.att_rate[2], clamp(wanted, -g.slew, g.slew), accel, dt_s)
 
 
 @kernel
-def _turn_on(q: Any, rate: Any, dt_s: float) -> None:
-    """Turn an attitude by its body rates for a step."""
+def _rotate_by_rates(q: Any, rate: Any, dt_s: float) -> None:
+    """Turn an attitude by its body rates for one step."""
     x = 0.5 * dt_s * rate[0]
     y = 0.5 * dt_s * rate[1]
     z = 0.5 * dt_s * rate[2]
@@ -199,7 +199,7 @@ def _turn_on(q: Any, rate: Any, dt_s: float) -> None:
     i = qw * x + qx * c + qy * z - qz * y
     j = qw * y - qx * z + qy * c + qz * x
     k = qw * z + qx * y - qy * x + qz * c
-    scale = 1.5 - 0.5 * (w * w + i * i + j * j + k * k)  # one Newton step: it is off by rounding only
+    scale = 1.5 - 0.5 * (w * w + i * i + j * j + k * k)  # one Newton step: only rounding errors are left
     q[0] = w * scale
     q[1] = i * scale
     q[2] = j * scale
@@ -208,13 +208,13 @@ def _turn_on(q: Any, rate: Any, dt_s: float) -> None:
 
 @kernel
 def advance(f: Any, dt_s: float) -> None:
-    """Turn the attitude target on at its rates (`update_attitude_target`)."""
-    _turn_on(f.att, f.att_rate, dt_s)
+    """Turn the attitude target by its rates for one step (`update_attitude_target`)."""
+    _rotate_by_rates(f.att, f.att_rate, dt_s)
 
 
 @kernel
-def _correct(error: float, p: float, linear: float, accel: float) -> float:
-    """The angle controller's rate: linear, beyond `linear` as a square root (its error over a step is never less)."""
+def _angle_to_rate(error: float, p: float, linear: float, accel: float) -> float:
+    """Return the rate that corrects an angle error: linear up to `linear`, a square root beyond."""
     if error > linear:
         return math.sqrt(2.0 * accel * (error - 0.5 * linear))
     if error < -linear:
@@ -224,11 +224,11 @@ def _correct(error: float, p: float, linear: float, accel: float) -> float:
 
 @kernel
 def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
-    """Body rates, rad/s (forward, left, up), that bring the attitude to its target and follow the target's own."""
+    """Return body rates, rad/s (forward, left, up), that bring the attitude to its target and follow its rates."""
     w, x, y, z = rotation(e.quat[0], e.quat[1], e.quat[2], e.quat[3], f.att[0], f.att[1], f.att[2], f.att[3])
     roll, pitch, yaw, tilted = tilt_and_turn(w, x, y, z)
     f.tilt_half2 = tilted
-    if abs(yaw) > g.yaw_error_max:  # the target does not run away from a nose that cannot follow
+    if abs(yaw) > g.yaw_error_max:  # limit the lead of the target over a yaw that cannot follow
         held = clamp(yaw, -g.yaw_error_max, g.yaw_error_max)
         s = math.sin(0.5 * (held - yaw))
         c = math.cos(0.5 * (held - yaw))
@@ -242,10 +242,10 @@ def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
         f.att[3] = az * c + aw * s
         w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
         yaw = held
-    roll_rate = _correct(roll, g.angle_p[0], g.angle_linear[0], g.angle_accel[0])
-    pitch_rate = _correct(pitch, g.angle_p[1], g.angle_linear[1], g.angle_accel[1])
-    yaw_rate = _correct(yaw, g.angle_p[2], g.angle_linear[2], g.angle_accel[2])
-    # the target's rates, seen from the body
+    roll_rate = _angle_to_rate(roll, g.angle_p[0], g.angle_linear[0], g.angle_accel[0])
+    pitch_rate = _angle_to_rate(pitch, g.angle_p[1], g.angle_linear[1], g.angle_accel[1])
+    yaw_rate = _angle_to_rate(yaw, g.angle_p[2], g.angle_linear[2], g.angle_accel[2])
+    # the target's rates in the body frame
     a = f.att_rate[0]
     b = f.att_rate[1]
     c = f.att_rate[2]
@@ -269,7 +269,7 @@ def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
 
 @kernel
 def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rate: float) -> tuple[float, float, float]:
-    """Roll, pitch and yaw efforts, -1…1 each, from the error of the body rates (AC_PID::update_all)."""
+    """Return roll, pitch and yaw demands, -1…1 each, from the errors of the body rates (AC_PID::update_all)."""
     f.target_rate[0] += (roll_rate - f.target_rate[0]) * g.target_share[0]
     f.target_rate[1] += (pitch_rate - f.target_rate[1]) * g.target_share[1]
     f.target_rate[2] += (yaw_rate - f.target_rate[2]) * g.target_share[2]
@@ -287,10 +287,10 @@ def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rat
 
 
 @kernel
-def _command(g: Any, thrust: float) -> float:
-    """The actuator command for a thrust 0…1: the thrust curve's inverse, from MOT_SPIN_MIN to MOT_SPIN_MAX.
+def _thrust_to_actuator(g: Any, thrust: float) -> float:
+    """Return the actuator command for a thrust 0…1: the inverse thrust curve, from MOT_SPIN_MIN to MOT_SPIN_MAX.
 
-    `Thrust_Linearization::thrust_to_actuator`, without its compensation for the battery's voltage, which is off by
+    `Thrust_Linearization::thrust_to_actuator`, without the compensation of the battery's voltage, which is off by
     default.
     """
     thrust = clamp(thrust, 0.0, 1.0)
@@ -303,15 +303,15 @@ def _command(g: Any, thrust: float) -> float:
 
 
 @kernel
-def _yaw_room(part: float, factor: float, best: float, yaw: float) -> float:
-    """How much yaw a motor, whose share in it is ±½, allows on top of its part in roll and pitch."""
-    # up to full thrust where yaw adds to it, else down to none; without a branch that noise would make a guess of
+def _yaw_allowed(part: float, factor: float, best: float, yaw: float) -> float:
+    """Return how much yaw a motor, whose yaw factor is ±½, allows on top of its part in roll and pitch."""
+    # up to full thrust where yaw adds to it, else down to none; without a branch that noise would make unpredictable
     return 1.0 + math.copysign(1.0, yaw * factor) * (1.0 - 2.0 * (best + part))
 
 
 @kernel
-def _fit(throttle: float, average: float, low: float, high: float) -> tuple[float, float, bool]:
-    """(what is added to every motor, scale of the efforts, whether thrust had to give way)."""
+def _fit_to_range(throttle: float, average: float, low: float, high: float) -> tuple[float, float, bool]:
+    """Return (offset added to every motor, scale of the demands, whether thrust was reduced)."""
     scale = 1.0
     if high - low > 1.0:
         scale = 1.0 / (high - low)
@@ -336,9 +336,9 @@ def _fit(throttle: float, average: float, low: float, high: float) -> tuple[floa
 def mix(
     g: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float
 ) -> tuple[bool, float, float, float, float]:
-    """Whether thrust had to give way, and the commands of four motors for a thrust 0…1 and three efforts.
+    """Return whether thrust was reduced, and the commands of four motors for a thrust 0…1 and three demands.
 
-    Roll and pitch come first, then some yaw, then thrust, which may be raised to `average` for their sake. Positive
+    Roll and pitch have priority, then some yaw, then thrust, which may be raised up to `average` for them. Positive
     roll lowers the right side, positive pitch lowers the nose, positive yaw turns left.
     """
     throttle = clamp(throttle, 0.0, 1.0)
@@ -352,10 +352,10 @@ def mix(
     base = throttle
     scale = 1.0
     full = False
-    near = span > min(best, throttle) or throttle + span >= 1.0  # else far from every limit: nothing has to give way
+    near = span > min(best, throttle) or throttle + span >= 1.0  # else far from every limit: nothing is reduced
     if near:
-        allowed = min(_yaw_room(a, g.yaw[0], best, yaw), _yaw_room(b, g.yaw[1], best, yaw))
-        allowed = min(allowed, min(_yaw_room(c, g.yaw[2], best, yaw), _yaw_room(d, g.yaw[3], best, yaw)))
+        allowed = min(_yaw_allowed(a, g.yaw[0], best, yaw), _yaw_allowed(b, g.yaw[1], best, yaw))
+        allowed = min(allowed, min(_yaw_allowed(c, g.yaw[2], best, yaw), _yaw_allowed(d, g.yaw[3], best, yaw)))
         allowed = max(min(allowed, 1.0), _YAW_HEADROOM)
         yaw = clamp(yaw, -allowed, allowed)
     a += yaw * g.yaw[0]
@@ -363,11 +363,11 @@ def mix(
     c += yaw * g.yaw[2]
     d += yaw * g.yaw[3]
     if near:
-        base, scale, full = _fit(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
+        base, scale, full = _fit_to_range(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
     return (
         full,
-        _command(g, base + scale * a),
-        _command(g, base + scale * b),
-        _command(g, base + scale * c),
-        _command(g, base + scale * d),
+        _thrust_to_actuator(g, base + scale * a),
+        _thrust_to_actuator(g, base + scale * b),
+        _thrust_to_actuator(g, base + scale * c),
+        _thrust_to_actuator(g, base + scale * d),
     )

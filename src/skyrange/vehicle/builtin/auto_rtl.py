@@ -1,6 +1,6 @@
-"""Is AUTO still to be shown as AUTO_RTL? As long as it is in the landing sequence, and after its end.
+"""AUTO_RTL: AUTO is reported under this mode while it flies a landing sequence, and after its end.
 
-After the end of ModeAuto::run (ArduCopter/mode_auto.cpp), where it is looked at in every turn of the loop.
+After the end of ModeAuto::run (ArduCopter/mode_auto.cpp), which checks it in every pass of the loop.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from skyrange.vehicle.builtin.modes import Mode
 
 
 def begin(fleet: Fleet, craft: Craft, reason: str) -> None:
-    """AUTO flies a landing sequence from now on; `reason` is ArduCopter's."""
+    """Start to report AUTO as AUTO_RTL; `reason` is ArduCopter's ModeReason in lower case."""
     craft.mode_reason = reason
     fleet.show_auto_rtl(craft, True)
-    _note(fleet, craft)
+    _note_mode(fleet, craft)
 
 
 def look(fleet: Fleet, craft: Craft) -> None:
-    """The mission went on: is it still landing?"""
+    """Report AUTO again once the mission has left its landing sequence."""
     if craft.auto_rtl and not craft.in_landing and craft.mission_state != MissionState.COMPLETE:
         craft.mode_reason = "auto_rtl_exit"
         fleet.show_auto_rtl(craft, False)
-        _note(fleet, craft)
+        _note_mode(fleet, craft)
 
 
-def _note(fleet: Fleet, craft: Craft) -> None:
+def _note_mode(fleet: Fleet, craft: Craft) -> None:
     mode = Mode(craft.shown_mode)
     fleet.note(
         "event.mode",

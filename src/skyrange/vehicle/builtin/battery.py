@@ -1,7 +1,7 @@
-"""How much is left in the battery? Voltage, current, charge drawn, and the voltage that it would have at rest.
+"""Battery monitor: voltage, current, consumed charge, and the estimated resting voltage.
 
 After libraries/AP_BattMonitor/AP_BattMonitor_Backend.cpp: `update_consumed`, `capacity_remaining_pct`,
-`update_resistance_estimate`, `arming_checks`. What a low one leads to is in `failsafes.battery`.
+`update_resistance_estimate`, `arming_checks`. The battery failsafe is in `failsafes.battery`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _CAPACITY_MIN_MAH = 10.0  # capacity_remaining_pct
 
 
 @kernel
-def _resistance(b: Any, dt_s: float) -> None:
-    """Estimate the inner resistance from how voltage and current move against their low-passed selves."""
+def _update_resistance(b: Any, dt_s: float) -> None:
+    """Estimate the internal resistance from how voltage and current differ from their low-passed values."""
     if b.current <= 0.0:
         return
     b.most_a = max(b.most_a, b.current)
@@ -47,13 +47,13 @@ def _resistance(b: Any, dt_s: float) -> None:
 
 @kernel
 def measure(e: Any, p: Any, b: Any, dt_s: float) -> None:
-    """Take voltage and current, and count what was drawn in `dt_s`."""
+    """Read voltage and current, and add up what was consumed in `dt_s`."""
     b.voltage = e.battery_v
     b.current = e.battery_a
     drawn_mah = b.current * dt_s * _MAH_PER_AS
     b.consumed_mah += drawn_mah
     b.consumed_wh += 0.001 * drawn_mah * b.voltage
-    _resistance(b, dt_s)
+    _update_resistance(b, dt_s)
     b.resting_v = max(b.resting_v, b.voltage)
     if p.BATT_CAPACITY > _CAPACITY_MIN_MAH:
         left = 100.0 * (p.BATT_CAPACITY - b.consumed_mah) / p.BATT_CAPACITY
@@ -63,7 +63,7 @@ def measure(e: Any, p: Any, b: Any, dt_s: float) -> None:
 
 
 def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> list[tuple[NDArray[np.bool_], str]]:
-    """Which of some rows the battery forbids to arm, by reason, the most important first (`arming_checks`)."""
+    """Return which of `rows` the battery forbids to arm, by reason, most important first (`arming_checks`)."""
     power, settings = fleet.power, fleet.settings
 
     def value(name: str) -> NDArray[np.float64]:
@@ -91,7 +91,7 @@ def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> list[tuple[NDArray[np.boo
 
 
 def full(fleet: Fleet, row: int) -> None:
-    """A full battery and no failsafe, as after power-on."""
+    """Reset to a full battery without a failsafe, as after power-on."""
     fleet.power[row] = np.zeros((), dtype=fleet.power.dtype)
     fleet.power["priority"][row] = NO_PRIORITY
     fleet.power["voltage"][row] = fleet.estimate["battery_v"][row]

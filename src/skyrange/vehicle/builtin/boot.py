@@ -1,4 +1,4 @@
-"""What does an aircraft know after it was switched off and on? Its parameters, its mission, and nothing else.
+"""Reboot: an aircraft starts again with its stored parameters and mission, and nothing else.
 
 After ArduPilot's storage (AP_Param, AP_Mission) and `Copter::init_ardupilot`. It takes no time here.
 """
@@ -16,7 +16,7 @@ from skyrange.vehicle.builtin.telemetry.streams import boot_rates
 
 
 def reboot(fleet: Fleet, schedule: Schedule, craft: Craft, causes: Causes) -> None:
-    """Start anew: disarmed, in STABILIZE, under the system id that is stored, reporting at the rates of boot."""
+    """Restart: disarmed, in STABILIZE, under the stored system id, with telemetry at the rates of boot."""
     row = craft.row
     if fleet.armed(craft):
         disarm(fleet, craft, "reboot", causes)

@@ -1,10 +1,10 @@
-"""How does an aircraft follow its reference? ArduCopter's position control, from errors to a lean and a thrust.
+"""Position control: from the errors of position and velocity to a lean and a thrust, as in ArduCopter.
 
 Gains, limits and structure are those of libraries/AC_AttitudeControl: AC_PosControl.cpp (`update_NE_controller`,
 `update_U_controller`, `soften_for_landing_NE`) and AC_AttitudeControl_Multi.cpp (`get_throttle_boosted`,
-`get_throttle_avg_max`). Positions and velocities are controlled at 100 Hz (`gains.SLOW_S`), the vertical acceleration
-and the attitude at the loop's own rate. ArduCopter does all at 400 Hz; the velocity filters (5 Hz) and the input
-shaping (0.15 s) leave nothing between that is faster than 100 Hz.
+`get_throttle_avg_max`). Positions and velocities are controlled at 100 Hz (`gains.SLOW_LOOP_S`), the vertical
+acceleration and the attitude at the rate of the loop. ArduCopter controls all of them at 400 Hz; the velocity filters
+(5 Hz) and the input shaping (0.15 s) leave nothing in between that is faster than 100 Hz.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from skyrange.vehicle.builtin.attitude import cos_lean, efforts, mix, wanted_rat
 from skyrange.vehicle.builtin.shaping import clamp, limit_xy, sqrt_controller, sqrt_controller_xy
 
 _LEAN_COS_MIN = 0.5  # the angle boost's limit (AC_AttitudeControl_Multi::get_throttle_boosted)
-_MIX_MAX = 0.5  # ATC_THR_MIX_MAX: how much attitude may raise the thrust, of hover
-_MIX_MIN = 0.1  # ATC_THR_MIX_MIN: while it comes down to the ground
+_MIX_MAX = 0.5  # ATC_THR_MIX_MAX: share of hover thrust up to which attitude control may raise the thrust
+_MIX_MIN = 0.1  # ATC_THR_MIX_MIN: the same on descent close to the ground
 
 
 @kernel
 def _limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) -> tuple[float, float]:
-    """An acceleration held within `most`, what turns the velocity before what changes its size (`limit_accel_xy`)."""
+    """Limit an acceleration to `most`; the part across the velocity has priority (`limit_accel_xy`)."""
     if e * e + n * n <= most * most:
         return e, n
     speed = math.sqrt(vel_e * vel_e + vel_n * vel_n)
@@ -44,10 +44,10 @@ def _limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) ->
 
 @kernel
 def horizontal(e: Any, f: Any, g: Any, correction_mps: float, dt_s: float) -> tuple[float, float]:
-    """The horizontal acceleration to ask for, m/s² (east, north), within the lean limit.
+    """Return the horizontal acceleration to request, m/s² (east, north), within the lean limit.
 
-    Position error by a square-root controller to velocity (at most `correction_mps`), velocity error by a PID, plus
-    the reference's own velocity and acceleration.
+    A square-root controller turns the position error into a velocity (at most `correction_mps`), a PID turns the
+    velocity error into an acceleration; the reference's own velocity and acceleration are added.
     """
     f.pos_err[0] = f.ref_pos[0] - e.pos[0]
     f.pos_err[1] = f.ref_pos[1] - e.pos[1]
@@ -77,7 +77,7 @@ def horizontal(e: Any, f: Any, g: Any, correction_mps: float, dt_s: float) -> tu
 
 @kernel
 def climb(e: Any, f: Any, g: Any, dt_s: float) -> None:
-    """The vertical acceleration to ask for, m/s², from the errors of height and climb rate."""
+    """Compute the vertical acceleration to request, m/s², from the errors of height and climb rate."""
     want = sqrt_controller(f.ref_pos[2] - e.pos[2], g.height_p, f.accel_z, dt_s)
     want = clamp(want, -max(f.speed_down, 0.5), max(f.speed_up, 0.5)) + f.ref_vel[2]
     f.climb_err += (want - e.vel[2] - f.climb_err) * g.climb_share
@@ -86,7 +86,7 @@ def climb(e: Any, f: Any, g: Any, dt_s: float) -> None:
 
 @kernel
 def lift(e: Any, f: Any, g: Any) -> float:
-    """The thrust to ask for, 0…1 of full, before the lean is made up for."""
+    """Return the thrust to request, 0…1 of full, before the compensation of the lean."""
     f.accel_err += (f.climb_accel - e.accel[2] - f.accel_err) * g.accel_share
     step = g.accel_i * f.accel_err
     throttle = g.hover + g.accel_p * f.accel_err + f.throttle_i
@@ -97,7 +97,7 @@ def lift(e: Any, f: Any, g: Any) -> float:
 
 @kernel
 def relax(f: Any) -> None:
-    """Forget what the controllers have gathered: on the ground their errors mean nothing."""
+    """Reset the controllers: on the ground their accumulated errors mean nothing."""
     for axis in range(2):
         f.vel_err[axis] = 0.0
         f.vel_d[axis] = 0.0
@@ -114,9 +114,10 @@ def relax(f: Any) -> None:
 
 @kernel
 def turn_motors(e: Any, f: Any, g: Any, coming_down: bool, rates_only: bool) -> tuple[float, float, float, float]:
-    """Hold the attitude target, or (`rates_only`) its rates, at `throttle`: the motors' commands.
+    """Hold the attitude target, or (`rates_only`) its rates, at `throttle`; return the commands of four motors.
 
-    They come back as numbers, because a kernel that is given an array counts a reference to it, which takes as long.
+    They are returned as numbers because a compiled function that is passed an array counts a reference to it, which
+    takes as long.
     """
     if rates_only:
         roll_rate = f.att_rate[0]

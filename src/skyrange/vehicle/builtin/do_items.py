@@ -1,8 +1,9 @@
-"""What do a mission's DO and CONDITION items do, and when? Beside the navigation item that follows them.
+"""DO and CONDITION commands of a mission, which run beside the navigation command that follows them.
 
-After AP_Mission.cpp (`advance_current_do_cmd`) and ArduCopter/mode_auto.cpp: the items between two navigation items run
-one after another while the second is flown; a CONDITION item keeps those behind it waiting, and all that still wait are
-dropped when the next navigation item starts. Each that is done is reported with MISSION_ITEM_REACHED.
+After AP_Mission.cpp (`advance_current_do_cmd`) and ArduCopter/mode_auto.cpp: the commands between two navigation
+commands run one after another while the second of these is flown. A CONDITION command delays those behind it; all that
+are still pending are dropped when the next navigation command starts. Each one completed is reported with
+MISSION_ITEM_REACHED.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from skyrange.vehicle.builtin.mission_kinds import (
 )
 from skyrange.vehicle.builtin.sequence import next_do
 
-_LOOK_NS = 20 * NS_PER_MS
+_CHECK_NS = 20 * NS_PER_MS
 _SPEED_MIN_MPS = 0.1  # AC_WPNav.cpp WPNAV_WP_SPEED_MIN_CMS
-_SPEED_MAX_MPS = 100.0  # beyond any multirotor: keeps an absurd request finite
+_SPEED_MAX_MPS = 100.0  # faster than any multirotor: keeps an absurd request finite
 _WAIT_MAX_S = 86_400.0 * 365.0
 
 
 def start(fleet: Fleet, craft: Craft, seq: int) -> None:
-    """Do one item."""
+    """Run one DO command, or start one CONDITION command."""
     slot = craft.mission[seq]
     command = slot.command
     announce(fleet, craft, seq)
@@ -62,12 +63,12 @@ def start(fleet: Fleet, craft: Craft, seq: int) -> None:
 
 
 def announce(fleet: Fleet, craft: Craft, seq: int) -> None:
-    """Say that an item of the mission starts (AP_Mission::start_command)."""
+    """Send the text of an item that starts (AP_Mission::start_command)."""
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Mission: {seq} {NAMES[craft.mission[seq].command]}")
 
 
 def done(fleet: Fleet, craft: Craft, seq: int) -> None:
-    """Report one item, unless it is for a device that is not fitted."""
+    """Report one completed command, unless it is for a device that is not fitted."""
     command = craft.mission[seq].command
     if command not in FITTINGS or command in TOLD:
         craft.untold = 0
@@ -75,25 +76,25 @@ def done(fleet: Fleet, craft: Craft, seq: int) -> None:
 
 
 def drop(fleet: Fleet, craft: Craft) -> None:
-    """What still waits is not done any more."""
+    """Drop the pending commands."""
     craft.do_next = 0
     craft.condition = (0, 0.0)
     fleet.timer(craft, Timer.CONDITION)
 
 
 def run(fleet: Fleet, craft: Craft, seq: int) -> None:
-    """Do the items from `seq` on, up to a navigation item or a condition that does not hold yet.
+    """Run the commands from `seq` on, up to a navigation command or a condition that is not met yet.
 
-    A jump back to one of them ends it: ArduCopter would do them over and over until the next navigation item.
+    A jump back to one of them ends the run: ArduCopter would repeat them until the next navigation command.
     """
     place = next_do(craft, seq)
     seen: set[int] = set()
     while place is not None and place not in seen:
         seen.add(place)
         start(fleet, craft, place)
-        if craft.condition[0] and not _holds(fleet, craft):
+        if craft.condition[0] and not _condition_met(fleet, craft):
             craft.do_next = place
-            fleet.timer(craft, Timer.CONDITION, fleet.now + _LOOK_NS)
+            fleet.timer(craft, Timer.CONDITION, fleet.now + _CHECK_NS)
             return
         craft.condition = (0, 0.0)
         done(fleet, craft, place)
@@ -102,11 +103,11 @@ def run(fleet: Fleet, craft: Craft, seq: int) -> None:
 
 
 def look(fleet: Fleet, craft: Craft) -> None:
-    """The timer: does the condition hold by now?"""
+    """Check the condition again when the timer expires, and continue if it is met."""
     if craft.do_next == 0 or craft.flown is None:
         return
-    if not _holds(fleet, craft):
-        fleet.timer(craft, Timer.CONDITION, fleet.now + _LOOK_NS)
+    if not _condition_met(fleet, craft):
+        fleet.timer(craft, Timer.CONDITION, fleet.now + _CHECK_NS)
         return
     seq = craft.do_next
     drop(fleet, craft)
@@ -115,7 +116,7 @@ def look(fleet: Fleet, craft: Craft) -> None:
         run(fleet, craft, seq + 1)
 
 
-def _holds(fleet: Fleet, craft: Craft) -> bool:
+def _condition_met(fleet: Fleet, craft: Craft) -> bool:
     kind, value = craft.condition
     if kind == WAIT:
         return fleet.now > value
@@ -125,7 +126,7 @@ def _holds(fleet: Fleet, craft: Craft) -> bool:
 
 
 def distance_m(fleet: Fleet, craft: Craft) -> float:
-    """How far the present goal is over the ground (ModeAuto::wp_distance_m); 0 of none."""
+    """Return the horizontal distance to the present destination (ModeAuto::wp_distance_m); 0 without one."""
     if not craft.paused and fleet.control(craft) not in (Control.LEG, Control.POSITION, Control.CIRCLE):
         return 0.0
     here, goal = fleet.position(craft), fleet.flight["target_pos"][craft.row].tolist()
@@ -133,7 +134,7 @@ def distance_m(fleet: Fleet, craft: Craft) -> float:
 
 
 def change_speed(fleet: Fleet, craft: Craft, kind: int, speed_mps: float) -> bool:
-    """Set the level (0, 1), climb (2) or descent (3) speed; `False` for other kinds. Lasts until the mode changes."""
+    """Set the horizontal (0, 1), climb (2) or descent (3) speed until the mode changes; `False` for other kinds."""
     name = {0: "speed_xy", 1: "speed_xy", 2: "speed_up", 3: "speed_down"}.get(kind)
     if name is None:
         return False
@@ -144,7 +145,7 @@ def change_speed(fleet: Fleet, craft: Craft, kind: int, speed_mps: float) -> boo
 
 
 def look_at(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> None:
-    """Look at a region of interest, or at none where all is zero (AutoYaw::set_roi)."""
+    """Set a region of interest, or clear it where all values are zero (AutoYaw::set_roi)."""
     if lat_e7 == 0 and lon_e7 == 0 and alt_m == 0.0:
         facing.look_at(fleet, craft, None)
     else:
@@ -158,7 +159,7 @@ def _set_home(fleet: Fleet, craft: Craft, slot: Slot) -> None:
 
 
 def clock_wait_s(fleet: Fleet, hour: float, minute: float, second: float) -> float:
-    """Seconds until the clock in UTC next shows a time, each part of it -1 where any will do (AP_RTC::get_time_utc)."""
+    """Return seconds until a time of day in UTC; a part of -1 matches any value (AP_RTC::get_time_utc)."""
     today_s = fleet.epoch.utc_us(fleet.now) / 1e6 % 86_400.0
     now = (int(today_s // 3600), int(today_s // 60 % 60), int(today_s % 60))
     asked = (int(hour), int(minute), int(second))

@@ -1,8 +1,8 @@
-"""The builtin autopilot as an engine: one for a whole fleet, of any operators.
+"""Engine of the builtin autopilot: one instance for a fleet of any operators.
 
-`begin` takes the tick's sensors and, every 10 ms, the mail; `finish` hands back motor commands and what was said.
-Everything an aircraft does depends on its own row, its own craft and its own mail: a fleet in one engine and the same
-fleet in four say the same bytes.
+`begin` takes the sensors of a tick and, every 10 ms, the inbox; `finish` returns motor commands and outgoing messages.
+Everything that an aircraft does depends on its own row, its own object and its own messages: a fleet in one engine and
+the same fleet in four engines send the same bytes.
 """
 
 from __future__ import annotations
@@ -56,11 +56,13 @@ from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 QUANTUM_S = 0.0025
-"""The first step; later ones are as long as the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
+"""Length of the first step. Later steps are the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
 PHASE_STREAM = "vehicle.boot_phase"
 LINK_ID = 1
-"""In signatures, the number of its telemetry port: channel 0 is USB, which ArduPilot lets anybody command unsigned
-(GCS_Signing.cpp), and which no link of the range is."""
+"""Link id in signatures: the number of its telemetry port.
+
+Channel 0 is USB, which ArduPilot lets anybody command unsigned (GCS_Signing.cpp), and no link of the range is that.
+"""
 
 
 Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
@@ -92,11 +94,11 @@ _HANDLERS: dict[int, Handler] = {
 }
 _COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
 _RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)
-_FLAGS = tuple(Flag)
+_EVENTS = tuple(Flag)
 
 
 class BuiltinFleet(EngineBase):
-    """The engine (contract: `agent.contracts.Engine`). Deep copies of it go on alike."""
+    """The engine (contract: `agent.contracts.Engine`). A deep copy continues identically."""
 
     service_ns: Time = SERVICE_NS
     clock: Literal["lockstep", "wall"] = "lockstep"
@@ -105,13 +107,13 @@ class BuiltinFleet(EngineBase):
     moves: Sequence[str] = ()
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> None:
-        """Build the fleet, standing disarmed in STABILIZE. Chance only sets when within a second each one reports.
+        """Build the fleet, disarmed in STABILIZE. Chance only sets the phase of each aircraft's reports in a second.
 
         Raises `InputError` for an empty fleet, a system id outside 1…250, an unknown airframe or bad parameters.
         """
         self.name = name
         self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
-        _check(name, specs)
+        _check_specs(name, specs)
         count = len(specs)
         estimate, flight = zeros(ESTIMATE, count), zeros(FLIGHT, count)
         settings = np.zeros(count, dtype=SETTINGS)
@@ -127,7 +129,7 @@ class BuiltinFleet(EngineBase):
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1
         self.ports: Sequence[Port] = [craft.port for craft in crafts]
-        self._places = {craft.port: craft.row for craft in crafts}
+        self._rows_by_port = {craft.port: craft.row for craft in crafts}
         signed = [
             Connection(craft.id, spec.signing_key, craft.port, craft.port)
             for craft, spec in zip(crafts, specs, strict=True)
@@ -137,7 +139,7 @@ class BuiltinFleet(EngineBase):
         self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
         self._fleet.stored[:] = stored
-        self._tuning = Tuning([spec.airframe for spec in specs], settings)
+        self._gain_sets = Tuning([spec.airframe for spec in specs], settings)
         for craft in crafts:
             sticks_in.place(self._fleet, craft)
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
@@ -147,34 +149,43 @@ class BuiltinFleet(EngineBase):
             service.boot(self._fleet, craft)
         self._actuators = np.zeros((count, MOTORS))
         self._fleet.actuators = self._actuators
-        self._last: Time | None = None
+        self._last_tick: Time | None = None
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
-        """Take the sensors and the mail of a tick, and act on both; the answer waits for `finish`."""
+        """Process the sensors and the messages of a tick; `finish` returns the result."""
         fleet = self._fleet
         fleet.now = tick
         fleet.outbox = Outbox()
         fleet.rotors = sensors.rotor_radps
-        dt_s = (tick - self._last) / NS_PER_S if self._last is not None and tick > self._last else QUANTUM_S
-        self._last = tick
-        tuning = self._tuning
-        tuning.renew(tick, dt_s)
+        dt_s = (
+            (tick - self._last_tick) / NS_PER_S if self._last_tick is not None and tick > self._last_tick else QUANTUM_S
+        )
+        self._last_tick = tick
+        gain_sets = self._gain_sets
+        gain_sets.renew(tick, dt_s)
         if self._estimator.update(
-            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], tuning.which, tuning.sets
+            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], gain_sets.which, gain_sets.sets
         ):
             resets.tell(fleet, self._estimator.filters)
         if len(inbox):
-            mail = inbox.columns(self._places)
+            mail = inbox.columns(self._rows_by_port)
             if self._signed is not None:
                 mail = self._signed.open(tick, inbox, mail, fleet.outbox)
             for row in take_heartbeats(fleet, mail):
                 self._receive(inbox.arrival(mail.order.item(row)))
         if loop.turn(
-            fleet.estimate, fleet.flight, fleet.legs, tuning.which, tuning.gains, tuning.sets, self._actuators, dt_s
+            fleet.estimate,
+            fleet.flight,
+            fleet.legs,
+            gain_sets.which,
+            gain_sets.gains,
+            gain_sets.sets,
+            self._actuators,
+            dt_s,
         ):
-            self._act_on_flags()
+            self._handle_events()
         if tick % SERVICE_NS == 0:
-            self._act_on_timers(tick)
+            self._handle_timers(tick)
             service.serve(fleet, self._actuators)
             self._schedule.send_due(fleet)
         if self._signed is not None:
@@ -184,13 +195,13 @@ class BuiltinFleet(EngineBase):
         fleet.rebooted.clear()
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Motor commands (n, 4), and what was said in this tick. Never waits."""
+        """Return motor commands (n, 4) and the messages of this tick. Never waits."""
         return Finished(self._actuators, self._fleet.outbox)
 
     def _receive(self, arrival: Arrival) -> None:
-        """Act on one frame, as ArduPilot's routing lets it through (MAVLink_routing.cpp)."""
+        """Process one frame, by ArduPilot's routing rules (MAVLink_routing.cpp)."""
         fleet = self._fleet
-        craft = fleet.crafts[self._places[arrival.port]]
+        craft = fleet.crafts[self._rows_by_port[arrival.port]]
         try:
             message = decode(arrival.payload)
         except DecodeError as error:
@@ -199,23 +210,23 @@ class BuiltinFleet(EngineBase):
             return
         partner = (message.get_srcSystem(), message.get_srcComponent())
         if partner == (craft.system_id, COMPONENT):
-            return  # an echo of our own
-        if _refuses(fleet, craft, message, partner[0]):
+            return  # an echo of its own frame
+        if _rejects_sender(fleet, craft, message, partner[0]):
             craft.ignored += 1
             return
-        # no other component is on board, so one that is named but unknown is taken as this one
+        # there is no other component on board, so target_component is not checked
         addressee = getattr(message, "target_system", getattr(message, "target", craft.system_id))
         if addressee not in (0, craft.system_id):
             craft.ignored += 1
             return
         if craft.paused:
             pausing.lift(fleet, craft)
-        self._obey(craft, message, partner, (arrival.ref,))
+        self._dispatch(craft, message, partner, (arrival.ref,))
         if craft.paused:
             pausing.settle(fleet, craft)
 
-    def _obey(self, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-        """Hand a message to what acts on it."""
+    def _dispatch(self, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+        """Pass a message to its handler."""
         fleet = self._fleet
         number = message.get_msgId()
         handler = _HANDLERS.get(number)
@@ -228,23 +239,23 @@ class BuiltinFleet(EngineBase):
         elif number == _ID.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
             streams.on_request(fleet, self._schedule, craft, message)
 
-    def _act_on_flags(self) -> None:
-        """Let modes and missions know what the loop has seen."""
+    def _handle_events(self) -> None:
+        """Report the events of the loop to modes and missions."""
         fleet = self._fleet
         flight = fleet.flight
         for row in np.flatnonzero(flight["flags"] & ~flight["seen"]).tolist():
             craft = fleet.crafts[row]
             fresh = int(flight["flags"][row] & ~flight["seen"][row])
             flight["seen"][row] = flight["flags"][row]
-            for flag in _FLAGS:
+            for flag in _EVENTS:
                 if fresh & flag:
-                    _on_flag(fleet, craft, flag)
+                    _on_event(fleet, craft, flag)
 
-    def _act_on_timers(self, now: Time) -> None:
+    def _handle_timers(self, now: Time) -> None:
         fleet = self._fleet
         if fleet.next_timer > now:
             return
-        fleet.next_timer = NEVER  # what is set meanwhile counts; of the rest the soonest is found below
+        fleet.next_timer = NEVER  # handlers may set timers meanwhile; the earliest of the rest is found below
         for row, column in np.argwhere(fleet.timers <= now).tolist():
             craft = fleet.crafts[row]
             if fleet.timers[row, column] <= now:  # an earlier one may have cleared it
@@ -257,14 +268,14 @@ class BuiltinFleet(EngineBase):
         fleet.next_timer = min(fleet.next_timer, int(fleet.timers.min()))
 
 
-def _refuses(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
-    """Whether SYSID_ENFORCE keeps this sender out (`accept_packet`): all but its own components and ground station."""
+def _rejects_sender(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
+    """Whether SYSID_ENFORCE rejects this sender (`accept_packet`): only its own components and ground station pass."""
     if fleet.param(craft, "SYSID_ENFORCE") == 0.0 or message.get_msgId() in _RADIO:
         return False
     return system not in (craft.system_id, int(fleet.param(craft, "SYSID_MYGCS")))
 
 
-def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
+def _on_event(fleet: Fleet, craft: Craft, flag: Flag) -> None:
     if flag is Flag.CLIMBED:
         fence.after_takeoff(fleet, craft)
     if flag is Flag.LIFTED:
@@ -283,24 +294,24 @@ def _on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
         returning.arrived(fleet, craft)
 
 
-def _on_hold(fleet: Fleet, craft: Craft) -> None:
+def _on_hold_timer(fleet: Fleet, craft: Craft) -> None:
     if craft.mode == Mode.AUTO:
         navigator.waited(fleet, craft)
     elif craft.mode == Mode.RTL:
         returning.waited(fleet, craft)
 
 
-def _on_landed(fleet: Fleet, craft: Craft) -> None:
+def _on_landed_timer(fleet: Fleet, craft: Craft) -> None:
     if craft.mode == Mode.AUTO:
         navigator.settled(fleet, craft)
     elif craft.mode in (Mode.LAND, Mode.RTL):
         disarm(fleet, craft, "landed", craft.mode_causes)
 
 
-def _on_idle(fleet: Fleet, craft: Craft) -> None:
+def _on_disarm_timer(fleet: Fleet, craft: Craft) -> None:
     if not (fleet.armed(craft) and fleet.landed(craft)):
         return
-    if sticks_in.throttle(fleet, craft) > 0.0:  # a raised throttle puts it off (auto_disarm_check)
+    if sticks_in.throttle(fleet, craft) > 0.0:  # a raised throttle postpones it (auto_disarm_check)
         fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
     else:
         disarm(fleet, craft, "disarm_delay", ())
@@ -308,9 +319,9 @@ def _on_idle(fleet: Fleet, craft: Craft) -> None:
 
 _TIMERS: dict[Timer, Callable[[Fleet, Craft], None]] = {
     Timer.UPLOAD: mission_protocol.on_timer,
-    Timer.HOLD: _on_hold,
-    Timer.LANDED: _on_landed,
-    Timer.IDLE: _on_idle,
+    Timer.HOLD: _on_hold_timer,
+    Timer.LANDED: _on_landed_timer,
+    Timer.IDLE: _on_disarm_timer,
     Timer.STALE: targets.stale,
     Timer.PARAMS: parameter_protocol.on_timer,
     Timer.STICKS: piloting.on_timer,
@@ -318,22 +329,22 @@ _TIMERS: dict[Timer, Callable[[Fleet, Craft], None]] = {
 }
 
 
-def _check(name: str, specs: Sequence[VehicleSpec]) -> None:
+def _check_specs(name: str, specs: Sequence[VehicleSpec]) -> None:
     """Raise `InputError` with everything that is wrong with the specs."""
-    faults = []
+    problems = []
     if not specs:
-        faults.append(Fault("vehicles", "none", "at least one vehicle"))
+        problems.append(Fault("vehicles", "none", "at least one vehicle"))
     for spec in specs:
         if spec.airframe not in AIRFRAMES:
-            faults.append(
+            problems.append(
                 Fault(f"{spec.vehicle} airframe", spec.airframe, "a known airframe", nearest(spec.airframe, AIRFRAMES))
             )
         if not 1 <= spec.system_id <= 250:
-            faults.append(Fault(f"{spec.vehicle} system_id", str(spec.system_id), "1 to 250"))
+            problems.append(Fault(f"{spec.vehicle} system_id", str(spec.system_id), "1 to 250"))
         if not all(math.isfinite(part) for part in (*spec.home_enu_m, spec.heading_deg)):
-            faults.append(Fault(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
-    if faults:
-        raise InputError(f"builtin autopilot {name}", faults)
+            problems.append(Fault(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
+    if problems:
+        raise InputError(f"builtin autopilot {name}", problems)
 
 
 def _make(params: NoParams, context: AutopilotContext) -> BuiltinFleet:

@@ -1,4 +1,4 @@
-"""Where shall the nose point? What modes, mission items and messages ask of the heading (ArduCopter/autoyaw.cpp)."""
+"""Yaw modes: how flight modes, mission items and messages set the yaw target (ArduCopter/autoyaw.cpp)."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from skyrange.vehicle.builtin import heading
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
 from skyrange.vehicle.builtin.layout import Heading
 
-_RATE_MAX_RADPS = 20.0  # beyond any ATC_SLEW_YAW: keeps an absurd request finite
-_TURNED_RAD = math.radians(2.0)
+_RATE_MAX_RADPS = 20.0  # faster than any ATC_SLEW_YAW: keeps an absurd request finite
+_YAW_REACHED_RAD = math.radians(2.0)
 
 Vector = tuple[float, float, float]
 
 
 def default(fleet: Fleet, craft: Craft, returning: bool = False) -> None:
-    """As WP_YAW_BEHAVIOR says (`set_mode_to_default`)."""
-    set_kind(fleet, craft, _default(fleet, craft, returning))
+    """Set the mode that WP_YAW_BEHAVIOR selects (`set_mode_to_default`)."""
+    set_kind(fleet, craft, _default_mode(fleet, craft, returning))
 
 
-def _default(fleet: Fleet, craft: Craft, returning: bool) -> Heading:
+def _default_mode(fleet: Fleet, craft: Craft, returning: bool) -> Heading:
     behaviour = int(fleet.param(craft, "WP_YAW_BEHAVIOR"))
     if behaviour == 0 or (behaviour == 2 and returning):
         return Heading.HOLD
@@ -27,8 +27,8 @@ def _default(fleet: Fleet, craft: Craft, returning: bool) -> Heading:
 
 
 def as_armed(fleet: Fleet, craft: Craft) -> None:
-    """Above home: as it stood when it was armed, unless WP_YAW_BEHAVIOR turns no nose (RTL's `loiterathome_start`)."""
-    if _default(fleet, craft, True) == Heading.HOLD:
+    """Above home, turn to the yaw at arming, unless WP_YAW_BEHAVIOR never turns (RTL's `loiterathome_start`)."""
+    if _default_mode(fleet, craft, True) == Heading.HOLD:
         set_kind(fleet, craft, Heading.HOLD)
         return
     row, flight = craft.row, fleet.flight
@@ -38,13 +38,13 @@ def as_armed(fleet: Fleet, craft: Craft) -> None:
 
 
 def is_as_armed(fleet: Fleet, craft: Craft) -> bool:
-    """Whether that turn is done, to 2°, or none was asked for (`loiterathome_run`)."""
+    """Whether that turn is complete, to 2°, or none was requested (`loiterathome_run`)."""
     off = math.remainder(float(fleet.estimate["yaw"][craft.row]) - craft.armed_yaw, 2.0 * math.pi)
-    return kind(fleet, craft) != Heading.ANGLE_RATE or abs(off) <= _TURNED_RAD
+    return kind(fleet, craft) != Heading.ANGLE_RATE or abs(off) <= _YAW_REACHED_RAD
 
 
 def set_kind(fleet: Fleet, craft: Craft, kind: Heading) -> None:
-    """Another way of heading; one that turns nothing by itself starts from the present yaw."""
+    """Set another yaw mode; its target starts from the present yaw."""
     row, flight = craft.row, fleet.flight
     if flight["heading"][row] != kind:
         flight["heading"][row] = kind
@@ -53,12 +53,12 @@ def set_kind(fleet: Fleet, craft: Craft, kind: Heading) -> None:
 
 
 def kind(fleet: Fleet, craft: Craft) -> int:
-    """How it heads."""
+    """Return the present yaw mode."""
     return int(fleet.flight["heading"][craft.row])
 
 
 def keep_or_default(fleet: Fleet, craft: Craft) -> None:
-    """On the way to a waypoint: a region of interest stays looked at, a fixed heading where WP_YAW_BEHAVIOR is 0."""
+    """Set the default on the way to a waypoint; keep a ROI, and a fixed yaw where WP_YAW_BEHAVIOR is 0."""
     now = kind(fleet, craft)
     if now == Heading.ROI or (now == Heading.FIXED and fleet.param(craft, "WP_YAW_BEHAVIOR") == 0):
         return
@@ -66,7 +66,7 @@ def keep_or_default(fleet: Fleet, craft: Craft) -> None:
 
 
 def turn(fleet: Fleet, craft: Craft, angle_deg: float, rate_degps: float, direction: int, relative: bool) -> None:
-    """Turn to a heading (clockwise from north) or on by an angle; `rate_degps` 0 is ATC_SLEW_YAW."""
+    """Turn to a heading (clockwise from north), or by an angle if `relative`; `rate_degps` 0 is ATC_SLEW_YAW."""
     heading.ask_turn(
         fleet.estimate, fleet.flight, fleet.settings, craft.row,
         math.radians(angle_deg), math.radians(rate_degps), direction, relative,
@@ -74,7 +74,7 @@ def turn(fleet: Fleet, craft: Craft, angle_deg: float, rate_degps: float, direct
 
 
 def turned(fleet: Fleet, craft: Craft) -> bool:
-    """Whether that turn is done."""
+    """Whether that turn is complete."""
     return bool(heading.turned(fleet.estimate, fleet.flight, craft.row))
 
 
@@ -104,6 +104,6 @@ def look_at(fleet: Fleet, craft: Craft, place: Vector | None) -> None:
 
 
 def stop_turning(fleet: Fleet, craft: Craft) -> None:
-    """A rate that nobody repeats ends."""
+    """End a yaw rate that is not repeated."""
     if kind(fleet, craft) in (Heading.RATE, Heading.ANGLE_RATE):
         set_kind(fleet, craft, Heading.HOLD)

@@ -1,7 +1,7 @@
-"""How does a fence get in and out by the mission protocol? Its items, their checks, and the zones that they make.
+"""Fence items of the mission protocol: their conversion, their validation, and the zones made from them.
 
 After libraries/GCS_MAVLink/MissionItemProtocol_Fence.cpp and AC_PolyFence_loader.cpp `validate_fence`, `write_fence`. A
-fence is taken as a whole or not at all.
+fence is accepted as a whole or not at all.
 """
 
 from __future__ import annotations
@@ -10,22 +10,33 @@ import math
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fence_zones import CIRCLE_IN, CIRCLE_OUT, MAX_ITEMS, POLYGON_IN, POLYGON_OUT
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
 from skyrange.vehicle.builtin.transfer_kinds import lat_lon_e7, plain_kind
+from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE
 _ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
-_VERTEX_IN = dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
-_VERTEX_OUT = dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
-_ROUND_IN = dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
-_ROUND_OUT = dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
+_POLYGON_INCLUSION = dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+_POLYGON_EXCLUSION = dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION
+_CIRCLE_INCLUSION = dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION
+_CIRCLE_EXCLUSION = dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION
 _RETURN = dialect.MAV_CMD_NAV_FENCE_RETURN_POINT
-_ZONE_OF = {_VERTEX_IN: POLYGON_IN, _VERTEX_OUT: POLYGON_OUT, _ROUND_IN: CIRCLE_IN, _ROUND_OUT: CIRCLE_OUT}
-_POLYGONS = (_VERTEX_IN, _VERTEX_OUT)
-_CIRCLES = (_ROUND_IN, _ROUND_OUT)
-# AC_PolyFence_loader.h AC_PolyFenceType, as its texts count them
-_TYPE_NUMBER = {_VERTEX_IN: 98, _VERTEX_OUT: 97, _ROUND_OUT: 93, _RETURN: 95, _ROUND_IN: 92}
+_ZONE_OF = {
+    _POLYGON_INCLUSION: POLYGON_IN,
+    _POLYGON_EXCLUSION: POLYGON_OUT,
+    _CIRCLE_INCLUSION: CIRCLE_IN,
+    _CIRCLE_EXCLUSION: CIRCLE_OUT,
+}
+_POLYGONS = (_POLYGON_INCLUSION, _POLYGON_EXCLUSION)
+_CIRCLES = (_CIRCLE_INCLUSION, _CIRCLE_EXCLUSION)
+# AC_PolyFence_loader.h AC_PolyFenceType, as its texts number them
+_TYPE_NUMBER = {
+    _POLYGON_INCLUSION: 98,
+    _POLYGON_EXCLUSION: 97,
+    _CIRCLE_EXCLUSION: 93,
+    _RETURN: 95,
+    _CIRCLE_INCLUSION: 92,
+}
 _FRAMES = frozenset(
     (
         dialect.MAV_FRAME_GLOBAL,
@@ -39,12 +50,12 @@ _FRAMES = frozenset(
 _VERTICES_MAX = 255
 _VERTICES_MIN = 3
 _LAT_MAX, _LON_MAX = 900_000_000, 1_800_000_000
-_BYTES = 560
+_MAX_STORAGE_BYTES = 560
 """StorageFence of 15 areas: 48 + 256 + 256."""
 
 
-def _slot(message: Any, causes: Causes) -> tuple[int, Slot | None]:
-    """(MAV_MISSION_RESULT, slot) of one item (`convert_MISSION_ITEM_INT_to_AC_PolyFenceItem`)."""
+def _decode_item(message: Any, causes: Causes) -> tuple[int, Slot | None]:
+    """Return (MAV_MISSION_RESULT, item) of one message (`convert_MISSION_ITEM_INT_to_AC_PolyFenceItem`)."""
     if message.frame not in _FRAMES:
         return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME), None
     if message.command not in _TYPE_NUMBER:
@@ -53,28 +64,28 @@ def _slot(message: Any, causes: Causes) -> tuple[int, Slot | None]:
     if message.command in _POLYGONS:
         if value > _VERTICES_MAX:
             return int(dialect.MAV_MISSION_INVALID_PARAM1), None
-        value = float(int(value)) if value >= 0.0 else 0.0  # a count; what is no number is none
+        value = float(int(value)) if value >= 0.0 else 0.0  # a count; a value that is not a number counts as 0
     elif message.command == _RETURN:
         value = 0.0
     x, y = lat_lon_e7(message)
     return _ACCEPTED, Slot(message.command, dialect.MAV_FRAME_GLOBAL, value, x=x, y=y, causes=causes)
 
 
-def _begin(craft: Craft, upload: Upload, count: int | None) -> None:
+def _begin_upload(craft: Craft, upload: Upload, count: int | None) -> None:
     upload.items = list(craft.fence) if count is None else [None] * count
 
 
-def _put(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
+def _store_item(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
     if message.seq >= len(upload.items):
         return int(dialect.MAV_MISSION_INVALID_SEQUENCE)
-    result, slot = _slot(message, causes)
+    result, slot = _decode_item(message, causes)
     if slot is not None:
         upload.items[message.seq] = slot
     return result
 
 
-def _fault(items: list[Slot]) -> str:
-    """Why the items make no fence, in ArduPilot's words, or "" (`validate_fence`)."""
+def _validation_error(items: list[Slot]) -> str:
+    """Return why the items make no valid fence, in ArduPilot's words, or "" (`validate_fence`)."""
     left, of, kind, returns = 0, 0, 0, 0
     for item in items:
         if item.command in _POLYGONS:
@@ -101,8 +112,8 @@ def _fault(items: list[Slot]) -> str:
     return "Incorrect item count" if left else ""
 
 
-def _space(items: list[Slot]) -> int:
-    """Bytes that a valid fence takes (`fence_storage_space_required`)."""
+def _storage_bytes(items: list[Slot]) -> int:
+    """Return the bytes that a valid fence takes (`fence_storage_space_required`)."""
     need, place = 4, 0
     while place < len(items):
         item = items[place]
@@ -115,28 +126,28 @@ def _space(items: list[Slot]) -> int:
     return need
 
 
-def _complete(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
+def _complete_upload(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
     items = [item for item in upload.items if item is not None]
-    fault = _fault(items)
-    if fault:
-        severity = dialect.MAV_SEVERITY_INFO if fault == "Incorrect item count" else dialect.MAV_SEVERITY_WARNING
-        fleet.text(craft, severity, fault, causes)
+    error = _validation_error(items)
+    if error:
+        severity = dialect.MAV_SEVERITY_INFO if error == "Incorrect item count" else dialect.MAV_SEVERITY_WARNING
+        fleet.text(craft, severity, error, causes)
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Fence validation failed", causes)
         return int(dialect.MAV_MISSION_ERROR)
-    if _space(items) > _BYTES:
+    if _storage_bytes(items) > _MAX_STORAGE_BYTES:
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Fence exceeds storage size", causes)
         return int(dialect.MAV_MISSION_ERROR)
-    _store(fleet, craft, items, causes)
+    _apply_fence(fleet, craft, items, causes)
     return _ACCEPTED
 
 
-def _store(fleet: Fleet, craft: Craft, items: list[Slot], causes: Causes) -> None:
+def _apply_fence(fleet: Fleet, craft: Craft, items: list[Slot], causes: Causes) -> None:
     """Put a valid fence in force."""
     craft.fence = items
     fleet.note("event.fence", craft, {"items": len(items)}, causes)
     zone = fleet.zones[craft.row]
     zone["count"] = 0
-    zone["tightest"] = min((item.param1 for item in items if item.command == _ROUND_IN), default=0.0)
+    zone["tightest"] = min((item.param1 for item in items if item.command == _CIRCLE_INCLUSION), default=0.0)
     points = 0
     place = 0
     while place < len(items):
@@ -155,9 +166,18 @@ def _store(fleet: Fleet, craft: Craft, items: list[Slot], causes: Causes) -> Non
         place += size
 
 
-def _clear(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
-    _store(fleet, craft, [], causes)
+def _clear_fence(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+    _apply_fence(fleet, craft, [], causes)
     return True
 
 
-FENCE: Final = plain_kind(_NUMBER, MAX_ITEMS, "Fence", lambda craft: craft.fence, _begin, _put, _complete, _clear)
+FENCE: Final = plain_kind(
+    _NUMBER,
+    MAX_FENCE_ITEMS,
+    "Fence",
+    lambda craft: craft.fence,
+    _begin_upload,
+    _store_item,
+    _complete_upload,
+    _clear_fence,
+)

@@ -1,42 +1,17 @@
-"""Is a place inside the fence's polygons and circles, and how far from their edges? One aircraft's zones as a record.
+"""Fence zones: whether a place is inside the polygons and circles of a fence, and its distance from their edges.
 
 After libraries/AC_Fence/AC_PolyFence_loader.cpp `breached` and libraries/AP_Math/polygon.cpp, in metres of the local
-frame where ArduPilot tests whole degrees × 10⁻⁷.
+frame where ArduPilot uses integer degrees × 10⁻⁷.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Final
-
-import numpy as np
+from typing import Any
 
 from skyrange.core.compiled import kernel
+from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT
 
-MAX_ITEMS: Final = 70
-"""Points of all zones together: (48 + 256 + 256) / 8 bytes (StorageManager.cpp StorageFence, 15 areas; `max_items`)."""
-
-NOTHING: Final = 0
-POLYGON_IN: Final = 1
-POLYGON_OUT: Final = 2
-CIRCLE_IN: Final = 3
-CIRCLE_OUT: Final = 4
-
-ZONES: Final = np.dtype(
-    [
-        ("count", "i8"),  # zones
-        ("tightest", "f8"),  # m, radius of the smallest circle to stay in; 0 none
-        ("kind", "i8", (MAX_ITEMS,)),  # by zone: one of the kinds above
-        ("first", "i8", (MAX_ITEMS,)),  # its first point
-        ("size", "i8", (MAX_ITEMS,)),  # and how many
-        ("radius", "f8", (MAX_ITEMS,)),  # m, of circles
-        ("point", "f8", (MAX_ITEMS, 2)),  # east, north, m
-    ]
-)
-_POLYGON_IN = POLYGON_IN
-_POLYGON_OUT = POLYGON_OUT
-_CIRCLE_IN = CIRCLE_IN
-_CIRCLE_OUT = CIRCLE_OUT
 _UNSET = -1e30
 
 
@@ -57,8 +32,8 @@ def _in_polygon(z: Any, first: int, size: int, east: float, north: float) -> boo
 
 
 @kernel
-def _to_edge(z: Any, first: int, size: int, east: float, north: float) -> float:
-    """The distance to the nearest edge, m (`Polygon_closest_distance_point`)."""
+def _edge_distance(z: Any, first: int, size: int, east: float, north: float) -> float:
+    """Return the distance to the nearest edge, m (`Polygon_closest_distance_point`)."""
     least = 1e30
     for k in range(size):
         a = first + k
@@ -79,10 +54,10 @@ def _to_edge(z: Any, first: int, size: int, east: float, north: float) -> float:
 
 @kernel
 def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float]:
-    """Whether a place breaches the zones, and how far outside it is, m; negative inside.
+    """Return whether a place breaches the zones, and how far outside it is, m; negative inside.
 
-    It must be inside all inclusion zones (with `union`, inside any) and outside all exclusion zones. The distance is
-    taken as ArduPilot takes it: the first exclusion polygon that is entered ends the search.
+    A place must be inside all inclusion zones (with `union`, inside any of them) and outside all exclusion zones. As in
+    ArduPilot, the search for the distance ends at the first exclusion polygon that is entered.
     """
     if z.count == 0:
         return False, 0.0
@@ -90,31 +65,31 @@ def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float
     inclusions = 0
     left = 0
     for k in range(z.count):
-        if z.kind[k] != _POLYGON_IN:
+        if z.kind[k] != POLYGON_IN:
             continue
         inclusions += 1
-        edge = _to_edge(z, z.first[k], z.size[k], east, north)
+        edge = _edge_distance(z, z.first[k], z.size[k], east, north)
         if _in_polygon(z, z.first[k], z.size[k], east, north):
             far = max(far, -edge)
         else:
             left += 1
             far = min(far, edge) if far > 0.0 else edge
     for k in range(z.count):
-        if z.kind[k] != _POLYGON_OUT:
+        if z.kind[k] != POLYGON_OUT:
             continue
-        edge = _to_edge(z, z.first[k], z.size[k], east, north)
+        edge = _edge_distance(z, z.first[k], z.size[k], east, north)
         if _in_polygon(z, z.first[k], z.size[k], east, north):
             return True, edge
         far = max(far, -edge)
     for k in range(z.count):
-        if z.kind[k] != _CIRCLE_OUT:
+        if z.kind[k] != CIRCLE_OUT:
             continue
         edge = z.radius[k] - math.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1])
         far = max(far, edge)
         if edge > 0.0:
             return True, far
     for k in range(z.count):
-        if z.kind[k] != _CIRCLE_IN:
+        if z.kind[k] != CIRCLE_IN:
             continue
         inclusions += 1
         edge = math.hypot(east - z.point[z.first[k], 0], north - z.point[z.first[k], 1]) - z.radius[k]

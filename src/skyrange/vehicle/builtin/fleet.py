@@ -1,7 +1,7 @@
-"""What does the autopilot know of each aircraft, and how does it speak? The state that all its parts share.
+"""Shared state of the autopilot: the arrays of the fleet, one object per aircraft, and the outbox.
 
-`Fleet` holds the arrays and the objects (`Craft`), and is handed to every handler; a handler reads and
-writes one craft and its row, nothing else.
+`Fleet` holds the arrays and the objects (`Vehicle`) and is passed to every handler. A handler reads and writes one
+aircraft and its row, nothing else.
 """
 
 from __future__ import annotations
@@ -20,45 +20,44 @@ from skyrange.codec.numbering import RowPacker
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Epoch, Time
-from skyrange.vehicle.builtin.fence_zones import ZONES
 from skyrange.vehicle.builtin.layout import LEGS, Control, Records, zeros
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW, PARAMETERS
-from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH
+from skyrange.vehicle.builtin.watch_layout import BOUNDARY, POWER, WATCH, ZONES
 
 Causes = tuple[FrameId, ...]
 COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 CHANNELS = 8
-"""Radio channels of the receiver."""
+"""Number of RC channels of the receiver."""
 TEXT_MAX = 50
-"""Characters of one STATUSTEXT."""
+"""Characters that fit one STATUSTEXT."""
 
 
 class Timer(IntEnum):
-    """What a craft may be waiting for: columns of `Fleet.timers`."""
+    """Timers of an aircraft: columns of `Fleet.timers`."""
 
     UPLOAD = 0
-    """The next mission item of an upload."""
+    """The next mission item of an upload is overdue."""
     HOLD = 1
     """The end of a wait at a waypoint or above home."""
     LANDED = 2
-    """Motors have spooled down after landing."""
+    """The motors have spooled down after a landing."""
     IDLE = 3
-    """Armed on the ground for too long."""
+    """Armed on the ground for too long (DISARM_DELAY)."""
     STALE = 4
-    """A velocity target runs out."""
+    """A GUIDED target times out (GUID_TIMEOUT)."""
     PARAMS = 5
-    """The next values of a parameter list."""
+    """The next values of a parameter list are due."""
     STICKS = 6
-    """A pilot's stick that MAVLink set runs out."""
+    """An RC override times out (RC_OVERRIDE_TIME)."""
     CONDITION = 7
-    """The next look at what a mission's DO items wait for."""
+    """The next check of the condition that DO commands wait for."""
 
 
 @dataclass(slots=True)
 class Slot:
-    """One mission item as stored: MISSION_ITEM_INT's fields; `causes` is the frame that wrote it."""
+    """One stored mission item: MISSION_ITEM_INT's fields; `causes` is the frame that wrote it."""
 
     command: int
     frame: int
@@ -74,7 +73,7 @@ class Slot:
 
 @dataclass(slots=True)
 class Upload:
-    """A mission transfer under way, or none (`active` false)."""
+    """A mission upload in progress, or none (`active` false)."""
 
     active: bool = False
     next: int = 0
@@ -83,22 +82,22 @@ class Upload:
     received_ns: Time = 0
     asked_ns: Time = 0
     items: list[Slot | None] = field(default_factory=list)
-    """What has come of a fence, which is put in force as a whole."""
+    """The items of a fence received so far; a fence takes effect as a whole."""
 
 
 class MissionState(IntEnum):
-    """MAVLink's MISSION_STATE values as ArduPilot uses them: one that was left is "not started", not "paused"."""
+    """MAVLink's MISSION_STATE as ArduPilot uses it: a mission that AUTO has left is "not started", not "paused"."""
 
     NONE = 1
     NOT_STARTED = 2
     ACTIVE = 3
     PAUSED = 4
-    """Told while `Craft.paused`, never a craft's own state."""
+    """Reported while `Vehicle.paused`; never stored."""
     COMPLETE = 5
 
 
 class Stage(IntEnum):
-    """Where a return or a landing stands."""
+    """Sub-mode of a return or a landing (ArduCopter's ModeRTL::SubMode and ModeAuto::SubMode)."""
 
     NONE = 0
     CLIMB = 1
@@ -107,7 +106,7 @@ class Stage(IntEnum):
     DESCEND = 4
     LAND = 5
     TRANSIT = 6
-    """Flying to a landing place, or waiting there as a waypoint asks."""
+    """Flying to a landing place or the edge of a circle, or waiting there."""
 
 
 @dataclass(slots=True)
@@ -130,59 +129,59 @@ class Craft:
     fence: list[Slot] = field(default_factory=list)
     rally: list[Slot] = field(default_factory=list)
     uploads: list[Upload] = field(default_factory=lambda: [Upload(), Upload(), Upload()])
-    """By MAV_MISSION_TYPE: missions, fences and rally points are transferred apart."""
+    """By MAV_MISSION_TYPE: missions, fences and rally points are uploaded independently."""
     warned: set[tuple[int, int]] = field(default_factory=set)
-    """(MAV_MISSION_TYPE, message id) of the old messages that were warned about since the last upload began."""
+    """(MAV_MISSION_TYPE, message id) of the deprecated messages reported since the last upload began."""
     mission_state: int = MissionState.NONE
     current: int = 0
-    """Sequence number of the navigation item under way, 0 for none."""
+    """Sequence number of the navigation command in progress, 0 for none."""
     flown: Slot | None = None
-    """That item as it was when started, `None` before: an upload may rewrite or remove its slot meanwhile."""
+    """That item as it was when it started, `None` before: an upload may since have rewritten or removed it."""
     ahead: tuple[object, ...] = ()
-    """What it and the navigation items behind it said then: whether a new mission changes them."""
+    """Contents of it and of the navigation commands after it at that time, to detect a changed mission."""
     jumps: dict[int, int] = field(default_factory=dict)
     """How often each DO_JUMP has jumped."""
     in_landing: bool = False
     """The mission is in its landing sequence (AP_Mission's `in_landing_sequence`)."""
     auto_rtl: bool = False
-    """AUTO was entered to fly the landing sequence: it is shown as AUTO_RTL."""
+    """AUTO was entered to fly the landing sequence and is reported as AUTO_RTL."""
     resumes: bool = False
-    """AUTO goes on with the current item when it is entered next, whatever MIS_RESTART says."""
+    """AUTO continues with the current item when it is next entered, whatever MIS_RESTART says."""
     paused: bool = False
-    """DO_PAUSE_CONTINUE holds it, in AUTO or GUIDED."""
+    """DO_PAUSE_CONTINUE has paused it, in AUTO or GUIDED."""
     beneath: tuple[tuple[str, Any], ...] = ()
-    """What a paused GUIDED flies when it goes on: fields of its row in `Fleet.flight`."""
+    """The targets that a paused GUIDED continues with: fields of its row in `Fleet.flight`."""
     stage: int = Stage.NONE
     circles: int = -1
-    """Whole turns flown of a circle, -1 before its first has been told."""
+    """Completed turns of LOITER_TURNS, -1 before the first was reported (ArduCopter's `circle_last_num_complete`)."""
     return_to: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where the present return leads: home or a rally point."""
+    """Destination of the present return: home or a rally point, ENU metres."""
     ready: bool = False
     """Allowed to leave the ground (ArduPilot's `auto_armed`)."""
     target_causes: Causes = ()
     do_next: int = 0
-    """The DO item that is due while the navigation item under way is flown, 0 for none."""
+    """The DO command that is due while the navigation command is flown, 0 for none."""
     condition: tuple[int, float] = (0, 0.0)
-    """The CONDITION item that DO items wait for, and its number: the time it ends, or metres; 0 for none."""
+    """The CONDITION command that DO commands wait for, and its end time (ns) or distance (m); 0 for none."""
     reached: dict[int, Time] = field(default_factory=dict)
-    """When each item was reached last."""
+    """When each item was last reached."""
     overrides: dict[int, tuple[int, Time]] = field(default_factory=dict)
-    """RC channels that MAVLink sets: µs and since when."""
+    """RC channels that MAVLink overrides: µs, and since when."""
     params_next: int = 0
     bad_frames: int = 0
     ignored: int = 0
     rid_error: str = ""
-    """Why its Remote ID transmitter says that it may not be armed."""
+    """Reason given by the Remote ID transmitter for not being ready to arm."""
     home_locked: bool = False
     """Home was set by command: arming does not move it."""
     armed_yaw: float = 0.0
-    """Where the nose pointed when it was armed, rad from east to north."""
+    """Yaw when it was armed, rad from east to north."""
     untold: int = 0
-    """The navigation item that is reached and not told yet."""
+    """The navigation command that was reached and not yet reported, 0 for none."""
     erased: bool = False
-    """Its parameters were erased, which the next boot shows."""
+    """Its parameters were erased, which takes effect at the next boot."""
     unsaved: dict[int, float] = field(default_factory=dict)
-    """Parameters (by index) that were changed only until the next boot, and what they are then."""
+    """Parameters (by index) changed only until the next boot, with the values they return to."""
 
     @property
     def shown_mode(self) -> int:
@@ -191,12 +190,12 @@ class Craft:
 
     @property
     def sees_mission(self) -> bool:
-        """Whether there is anything to fly: more than the home item."""
+        """Whether there is a mission to fly: more items than home."""
         return len(self.mission) > 1
 
 
 class Fleet:
-    """All aircraft of one engine: arrays by row, crafts in the same order, and the way out."""
+    """All aircraft of one engine: arrays by row, objects in the same order, and the outbox."""
 
     def __init__(
         self, crafts: list[Craft], origin: Origin, epoch: Epoch, estimate: Records, flight: Records, settings: Records
@@ -214,63 +213,63 @@ class Fleet:
         self.watch: Records = np.zeros(len(crafts), dtype=WATCH)
         self.timers: NDArray[np.int64] = np.full((len(crafts), len(Timer)), NEVER, dtype=np.int64)
         self.next_timer: Time = NEVER
-        """No timer runs out before."""
+        """No timer expires before this time."""
         self.now: Time = 0
         self.outbox = Outbox()
         count = len(crafts)
         self.actuators: NDArray[np.float64] = np.zeros((count, 4))
-        """(n, motors) the last commands, 0…1."""
+        """(n, motors) the last motor commands, 0…1."""
         self.rotors: NDArray[np.float64] = np.zeros((count, 4))
-        """(n, motors) rad/s, as the speed controllers measured them last."""
+        """(n, motors) rad/s, the last speeds measured by the speed controllers."""
         self.channels: NDArray[np.int64] = np.zeros((count, CHANNELS), dtype=np.int64)
-        """(n, channels) µs, as the receiver or an override says."""
+        """(n, channels) µs, from the receiver or an override."""
         self.stored: NDArray[np.float64] = np.zeros((count, len(PARAMETERS)))
-        """(n, parameters) what was written to each parameter; `param` and `settings` hold it inside its range."""
+        """(n, parameters) values as written; `param` and `settings` hold them inside their ranges."""
         self.sequences: NDArray[np.int64] = crafts[0].packer.sequences
-        """(n,) the next frame's number."""
+        """(n,) sequence number of the next frame."""
         self.systems: NDArray[np.int64] = np.array([craft.system_id for craft in crafts], dtype=np.int64)
         """(n,) MAVLink system ids in use."""
         self.modes: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
-        """(n,) each craft's mode as it is shown, for reports."""
+        """(n,) reported mode of each aircraft."""
         self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
-        """(n,) when each was switched on."""
+        """(n,) boot time of each aircraft."""
         self.rebooted: list[str] = []
-        """Aircraft that were switched off and on in this tick."""
+        """Aircraft that rebooted in this tick."""
 
     def send(self, craft: Craft, message: Any, causes: Causes = ()) -> None:
-        """Pack and send one message from a craft."""
+        """Pack and send one message from an aircraft."""
         self.outbox.send(craft.port, craft.packer.pack(message), causes)
 
     def text(self, craft: Craft, severity: int, words: str, causes: Causes = ()) -> None:
-        """STATUSTEXT, cut to one message's length."""
+        """Send STATUSTEXT, cut to the length of one message."""
         self.send(craft, dialect.MAVLink_statustext_message(severity, words.encode()[:TEXT_MAX]), causes)
 
     def note(self, kind: str, craft: Craft, data: Mapping[str, Scalar] | None = None, causes: Causes = ()) -> None:
-        """Record an event about a craft."""
+        """Record an event of an aircraft."""
         self.outbox.note(kind, craft.id, data, causes)
 
     def take_mode(self, craft: Craft, mode: int) -> None:
-        """Say that a craft is in a mode from now on."""
+        """Record that an aircraft is in a mode."""
         craft.mode = self.modes[craft.row] = mode
         craft.auto_rtl = False
 
     def show_auto_rtl(self, craft: Craft, shown: bool) -> None:
-        """Show AUTO as AUTO_RTL from now on, or no longer."""
+        """Start or stop to report AUTO as AUTO_RTL."""
         craft.auto_rtl = shown
         self.modes[craft.row] = craft.shown_mode
 
     def take_home(self, craft: Craft, place: tuple[float, float, float]) -> None:
-        """Say that a craft's home is at a place (ENU metres) from now on."""
+        """Set an aircraft's home to a place (ENU metres)."""
         craft.home = place
         self.watch["home"][craft.row] = place
 
     def timer(self, craft: Craft, timer: Timer, at: Time = NEVER) -> None:
-        """Set a timer to a moment; NEVER clears it."""
+        """Set a timer; NEVER clears it."""
         self.timers[craft.row, timer] = at
         self.next_timer = min(self.next_timer, at)
 
     def param(self, craft: Craft, name: str) -> float:
-        """A parameter's value in its own unit, inside its range."""
+        """Return a parameter's value in its own unit, inside its range."""
         index = INDEX[name]
         return min(max(float(self.stored[craft.row, index]), float(LOW[index])), float(HIGH[index]))
 
@@ -279,20 +278,20 @@ class Fleet:
         return bool(self.flight["armed"][craft.row])
 
     def landed(self, craft: Craft) -> bool:
-        """Whether it stands on the ground, as the landing detector has it."""
+        """Whether it stands on the ground, according to the landing detector."""
         return bool(self.flight["landed"][craft.row])
 
     def control(self, craft: Craft) -> int:
-        """What the array side does with it."""
+        """Return its `ControlMode`."""
         return int(self.flight["control"][craft.row])
 
     def position(self, craft: Craft) -> tuple[float, float, float]:
-        """Where it believes to be, ENU metres."""
+        """Return its estimated position, ENU metres."""
         east, north, up = self.estimate["pos"][craft.row].tolist()
         return east, north, up
 
     def limits(self, craft: Craft) -> None:
-        """Speeds and accelerations as the WPNAV parameters say: what every mode starts from."""
+        """Set speed and acceleration limits to the WPNAV parameters, the initial values in every mode."""
         row, flight = craft.row, self.flight
         flight["speed_xy"][row] = self.param(craft, "WPNAV_SPEED") * 0.01
         flight["speed_up"][row] = self.param(craft, "WPNAV_SPEED_UP") * 0.01
@@ -302,7 +301,7 @@ class Fleet:
         flight["replan"][row] = 0
 
     def fly(self, craft: Craft, control: Control, target_vel: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
-        """Give a flying craft another control and velocity target; the reference goes on from where it is."""
+        """Set the control mode and velocity target of a flying aircraft; the reference continues from where it is."""
         row = craft.row
         self.flight["control"][row] = control
         self.flight["target_vel"][row] = target_vel

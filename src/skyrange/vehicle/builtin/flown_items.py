@@ -1,4 +1,4 @@
-"""How is each navigation item of a mission flown? What it asks for when it starts, and what ends it.
+"""Navigation commands of a mission: how each one starts, and what completes it.
 
 After ArduCopter/mode_auto.cpp (`do_…`, `verify_…`, `set_next_wp`, `loc_from_cmd`).
 """
@@ -28,9 +28,9 @@ from skyrange.vehicle.builtin.mission_kinds import (
     WAYPOINT,
 )
 
-_JOINED = frozenset((WAYPOINT, UNLIM, TIME))
-"""Items that a leg goes on to without a stop (set_next_wp)."""
-_LOOK_NS = 20 * NS_PER_MS
+_WITHOUT_STOP = frozenset((WAYPOINT, UNLIM, TIME))
+"""Commands that a leg continues to without a stop (set_next_wp)."""
+_CHECK_NS = 20 * NS_PER_MS
 _NEAR_EDGE_M = 3.0  # circle_movetoedge_start
 _INSIDE_M = 5.0
 
@@ -38,7 +38,7 @@ Vector = tuple[float, float, float]
 
 
 def goal_of(fleet: Fleet, craft: Craft, slot: Slot, default: Vector) -> Vector:
-    """Where an item lies, ENU metres; latitude and longitude both 0, or altitude 0, mean `default`'s."""
+    """Return a command's place, ENU metres; latitude and longitude both 0, or altitude 0, mean those of `default`."""
     east, north, up = default
     if slot.x != 0 or slot.y != 0:
         east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
@@ -47,12 +47,12 @@ def goal_of(fleet: Fleet, craft: Craft, slot: Slot, default: Vector) -> Vector:
     return east, north, up
 
 
-def _terrain(slot: Slot) -> bool:
+def _is_terrain_alt(slot: Slot) -> bool:
     return slot.frame in places.TERRAIN_FRAMES
 
 
-def _from(fleet: Fleet, craft: Craft) -> Vector:
-    """What an item without a position means: the destination reached, or where it is."""
+def _default_location(fleet: Fleet, craft: Craft) -> Vector:
+    """Return the place that a command without one means: the destination reached, or the present position."""
     row = craft.row
     if fleet.control(craft) == Control.LEG and fleet.legs["reached"][row]:
         east, north, up = fleet.legs["goal"][row].tolist()
@@ -61,9 +61,9 @@ def _from(fleet: Fleet, craft: Craft) -> Vector:
 
 
 def begin(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> bool:
-    """Start an item; `False` where it is over at once. `after` and `then` are the navigation items behind it.
+    """Start a command; `False` where it is complete at once. `after` and `then` are the navigation commands behind it.
 
-    On the ground only a take-off moves the craft, and only when it is ready; other items wait.
+    On the ground only a take-off moves the aircraft, and only once `auto_armed`; other commands wait.
     """
     command = slot.command
     landed = fleet.landed(craft)
@@ -75,72 +75,74 @@ def begin(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot
             take_off(fleet, craft, up)
         return True
     if command == DELAY:
-        _delay(fleet, craft, slot)
+        _do_nav_delay(fleet, craft, slot)
         return True
-    if landed:
-        return command not in (RTL, LAND)  # as ArduPilot's verify_land and RTL::run: already there
+    if landed:  # these are complete at once, as in ArduPilot's verify_land and RTL::run
+        return command not in (RTL, LAND)
     if command in (WAYPOINT, UNLIM, TIME, TO_ALT):
-        goal = goal_of(fleet, craft, slot, _from(fleet, craft))
-        _fly_to(fleet, craft, goal)
+        goal = goal_of(fleet, craft, slot, _default_location(fleet, craft))
+        _set_wp_destination(fleet, craft, goal)
         facing.keep_or_default(fleet, craft)
         if command == WAYPOINT:
-            _join(fleet, craft, slot, goal, after, then)
+            _set_next_wp(fleet, craft, slot, goal, after, then)
         elif command == TO_ALT:
-            fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+            fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
     elif command == SPLINE:
-        _curve(fleet, craft, slot, after, then)
+        _do_spline_wp(fleet, craft, slot, after, then)
     elif command == TURNS:
-        _circle(fleet, craft, slot)
+        _do_circle(fleet, craft, slot)
     elif command == RTL:
         returning.start(fleet, craft)
     elif slot.x == 0 and slot.y == 0:
-        _land_here(fleet, craft)
+        _start_landing(fleet, craft)
     else:
         craft.stage = Stage.TRANSIT
         east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
-        _fly_to(fleet, craft, (east, north, fleet.position(craft)[2]))
+        _set_wp_destination(fleet, craft, (east, north, fleet.position(craft)[2]))
         facing.keep_or_default(fleet, craft)
     return True
 
 
-def _fly_to(fleet: Fleet, craft: Craft, goal: Vector) -> None:
+def _set_wp_destination(fleet: Fleet, craft: Craft, goal: Vector) -> None:
     anew = fleet.control(craft) != Control.LEG
     wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(goal), anew)
     craft.stage = Stage.TRANSIT if craft.stage == Stage.TRANSIT else Stage.NONE
 
 
-def _join(fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | None, then: Slot | None) -> None:
-    """Go on to the item behind without a stop, where neither a wait nor another datum is between (set_next_wp)."""
+def _set_next_wp(fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | None, then: Slot | None) -> None:
+    """Continue to the next command without a stop, unless a wait or another datum lies between (set_next_wp)."""
     if slot.param1 > 0.0 or after is None:
         return
-    if after.command in _JOINED and _terrain(after) == _terrain(slot):
+    if after.command in _WITHOUT_STOP and _is_terrain_alt(after) == _is_terrain_alt(slot):
         place = goal_of(fleet, craft, after, goal)
         wpnav.fly_on_to(fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(place))
-    elif after.command == SPLINE and _terrain(after) == _terrain(slot):
-        place, beyond, curved = _bend(fleet, craft, after, goal, then)
+    elif after.command == SPLINE and _is_terrain_alt(after) == _is_terrain_alt(slot):
+        place, beyond, curved = _spline_points(fleet, craft, after, goal, then)
         wpnav.curve_on(fleet.flight, fleet.legs, craft.row, places.array(place), places.array(beyond), curved)
 
 
-def _bend(fleet: Fleet, craft: Craft, slot: Slot, default: Vector, after: Slot | None) -> tuple[Vector, Vector, bool]:
-    """(goal, where the way goes on to, whether on a curve) of a spline item (get_spline_from_cmd)."""
+def _spline_points(
+    fleet: Fleet, craft: Craft, slot: Slot, default: Vector, after: Slot | None
+) -> tuple[Vector, Vector, bool]:
+    """Return (destination, the point that follows, whether on a curve) of a spline command (get_spline_from_cmd)."""
     goal = goal_of(fleet, craft, slot, default)
-    if slot.param1 == 0.0 and after is not None and _terrain(after) == _terrain(slot):
+    if slot.param1 == 0.0 and after is not None and _is_terrain_alt(after) == _is_terrain_alt(slot):
         return goal, goal_of(fleet, craft, after, goal), after.command == SPLINE
     return goal, goal, False
 
 
-def _curve(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> None:
-    goal, beyond, curved = _bend(fleet, craft, slot, _from(fleet, craft), after)
+def _do_spline_wp(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> None:
+    goal, beyond, curved = _spline_points(fleet, craft, slot, _default_location(fleet, craft), after)
     wpnav.curve(
         fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row,
         places.array(goal), places.array(beyond), curved,
     )  # fmt: skip
-    _join(fleet, craft, slot, goal, after, then)
+    _set_next_wp(fleet, craft, slot, goal, after, then)
     facing.keep_or_default(fleet, craft)
 
 
-def _circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
-    """Fly to the circle's edge, then round (do_circle, circle_movetoedge_start)."""
+def _do_circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+    """Fly to the edge of the circle, then around it (do_circle, circle_movetoedge_start)."""
     row, flight = craft.row, fleet.flight
     here = fleet.position(craft)
     centre = goal_of(fleet, craft, slot, here)
@@ -156,11 +158,11 @@ def _circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
     else:
         yaw = float(fleet.estimate["yaw"][row])
         east, north = centre[0] - radius * math.cos(yaw), centre[1] - radius * math.sin(yaw)
-    if away <= _NEAR_EDGE_M:  # ArduPilot takes the distance to the centre for that to the edge
-        _go_round(fleet, craft)
+    if away <= _NEAR_EDGE_M:  # ArduPilot uses the distance to the centre here, not to the edge
+        _start_circle(fleet, craft)
         return
     craft.stage = Stage.TRANSIT
-    _fly_to(fleet, craft, (east, north, centre[2]))
+    _set_wp_destination(fleet, craft, (east, north, centre[2]))
     if facing.kind(fleet, craft) != Heading.ROI:
         off = math.hypot(here[0] - centre[0], here[1] - centre[1])
         if off > radius and off > _INSIDE_M:
@@ -169,7 +171,7 @@ def _circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
             facing.set_kind(fleet, craft, Heading.HOLD)
 
 
-def _go_round(fleet: Fleet, craft: Craft) -> None:
+def _start_circle(fleet: Fleet, craft: Craft) -> None:
     row, flight = craft.row, fleet.flight
     craft.stage = Stage.NONE
     east, north, up = wpnav.rest_at(fleet.estimate, flight, fleet.settings, row)
@@ -187,17 +189,17 @@ def _go_round(fleet: Fleet, craft: Craft) -> None:
         facing.set_kind(fleet, craft, Heading.NEXT if along else Heading.CIRCLE)
     fleet.fly(craft, Control.CIRCLE)
     flight["target_pos"][row] = (east, north, up)
-    fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+    fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
 
 
-def _delay(fleet: Fleet, craft: Craft, slot: Slot) -> None:
-    """Wait where it is, in the air or on the ground: some seconds, or until a time of day (do_nav_delay)."""
+def _do_nav_delay(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+    """Wait in place, in the air or on the ground: for some seconds, or until a time of day (do_nav_delay)."""
     wait_s = slot.param1 if slot.param1 > 0.0 else do_items.clock_wait_s(fleet, slot.param2, slot.param3, slot.param4)
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Delaying {int(wait_s)} sec")
     fleet.timer(craft, Timer.HOLD, fleet.now + min(from_seconds(min(wait_s, 1e8)), do_items.WAIT_MAX_NS))
 
 
-def _land_here(fleet: Fleet, craft: Craft) -> None:
+def _start_landing(fleet: Fleet, craft: Craft) -> None:
     craft.stage = Stage.LAND
     loop.hold(fleet.estimate, fleet.flight, craft.row)
     facing.set_kind(fleet, craft, Heading.HOLD)
@@ -205,7 +207,7 @@ def _land_here(fleet: Fleet, craft: Craft) -> None:
 
 
 def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
-    """The loop reports something while an item is flown: whether that ends the item."""
+    """Process an event of the loop while a command is flown; whether it completes the command."""
     command = slot.command
     if flag is Flag.CLIMBED:
         return bool(command == TAKEOFF)
@@ -219,9 +221,9 @@ def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
             return False
         return True
     if command == TURNS:
-        _go_round(fleet, craft)
+        _start_circle(fleet, craft)
     elif command == LAND:
-        _land_here(fleet, craft)
+        _start_landing(fleet, craft)
     elif command == RTL:
         returning.arrived(fleet, craft)
         return craft.stage == Stage.DESCEND
@@ -229,7 +231,7 @@ def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
 
 
 def waited(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
-    """A timer of the item has run out: whether that ends it."""
+    """Process the expiry of the command's timer; whether it completes the command."""
     row, flight = craft.row, fleet.flight
     if slot.command == RTL:
         returning.waited(fleet, craft)
@@ -242,19 +244,19 @@ def waited(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
             fleet.text(craft, dialect.MAV_SEVERITY_INFO, words)
         if flown >= slot.param1:
             return True
-        fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+        fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
         return False
     if slot.command == TO_ALT:
         if fleet.control(craft) == Control.LEG:
             if do_items.distance_m(fleet, craft) < fleet.param(craft, "WPNAV_RADIUS") * 0.01:
-                _to_height(fleet, craft, slot)
+                _start_loiter_to_alt(fleet, craft, slot)
             else:
-                fleet.timer(craft, Timer.HOLD, fleet.now + _LOOK_NS)
+                fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
         return False
     return True
 
 
-def _to_height(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+def _start_loiter_to_alt(fleet: Fleet, craft: Craft, slot: Slot) -> None:
     row, flight = craft.row, fleet.flight
     up = slot.z + places.datum_m(fleet, craft, slot.frame)
     flight["flags"][row] &= ~np.int64(Flag.LEVELLED)

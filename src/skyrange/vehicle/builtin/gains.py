@@ -1,4 +1,4 @@
-"""What do the parameters mean to the fast loop? Filter shares, limits, the mixer's table."""
+"""Gains of the loop, computed from the parameters: filter weights, limits, and motor factors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from skyrange.vehicle.builtin.shaping import clamp
 from skyrange.world.airframes import Airframe
 
 SLOW_S = 0.01
-"""How often guidance and position control run, at least a step of the loop."""
+"""Interval of guidance and position control, s; at least one step of the loop."""
 GRAVITY_MPS2 = 9.80665
 """ArduPilot's GRAVITY_MSS (libraries/AP_Math/definitions.h)."""
 _CDEG = math.pi / 18_000.0
@@ -25,7 +25,7 @@ _YAW_ERROR_MAX = math.radians(45.0)
 
 @kernel
 def share(hz: float, dt_s: float) -> float:
-    """The share of a new value in one step of a first-order filter (Filter/LowPassFilter.cpp); 0 Hz is none."""
+    """Return the weight of a new value in one step of a low-pass filter (Filter/LowPassFilter.cpp); 0 Hz is none."""
     if hz <= 0.0:
         return 1.0
     return dt_s / (dt_s + 1.0 / (2.0 * math.pi * hz))
@@ -33,7 +33,7 @@ def share(hz: float, dt_s: float) -> float:
 
 @kernel
 def tune(g: Any, p: Any, dt_s: float) -> None:
-    """Work one aircraft's gains out from its parameters for steps of `dt_s`."""
+    """Compute one aircraft's gains from its parameters for steps of `dt_s`."""
     g.angle_p[0] = p.ATC_ANG_RLL_P
     g.angle_p[1] = p.ATC_ANG_PIT_P
     g.angle_p[2] = p.ATC_ANG_YAW_P
@@ -89,7 +89,7 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
     # PSC_ACCZ gains are per cm/s² and in 1/1000 of full throttle: 0.1 per m/s²
     g.accel_p = 0.1 * p.PSC_ACCZ_P
     g.accel_i = 0.1 * p.PSC_ACCZ_I * dt_s
-    # update_U_controller: the integral can always take the whole hover throttle off
+    # update_U_controller: the integral can always remove the whole hover throttle
     g.accel_imax = max(0.001 * p.PSC_ACCZ_IMAX, p.MOT_THST_HOVER)
     g.hover = p.MOT_THST_HOVER
     g.spin_min = p.MOT_SPIN_MIN
@@ -102,9 +102,9 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
 
 
 def mixing(gains: Records, row: int, airframe: Airframe) -> None:
-    """Write a row of the mixer's table, as AP_MotorsMatrix does: half for the motors farthest out, both ways.
+    """Write one row of motor factors, as AP_MotorsMatrix does: half for the outermost motors, on both sides.
 
-    All four count the same, however the arms stand (QUAD X).
+    The four motors of a QUAD X have equal factors, whatever the angles of its arms.
     """
     rotors = airframe.rotors
     for name in ("roll", "pitch", "yaw"):

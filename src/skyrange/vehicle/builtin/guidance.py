@@ -1,8 +1,9 @@
-"""Where should each aircraft be right now? References by control mode, and what has been achieved.
+"""Reference of position control: how it moves in each control mode, and the events that this raises.
 
-Legs are `wpnav`'s, sticks `sticks`'. Everything else is ArduPilot's input shaping (AC_PosControl `input_pos_NEU_m`,
-`input_vel_accel_NE_m`, `input_pos_vel_accel_NE_m`, `input_accel_NE_m`). Take-off is ArduCopter/takeoff.cpp
-`_AutoTakeoff::run`, landing mode.cpp `land_run_vertical_control`, the circle libraries/AC_WPNav/AC_Circle.cpp.
+Legs are in `guidance.wpnav`, sticks in `pilot.stick_input`. The rest is ArduPilot's input shaping (AC_PosControl
+`input_pos_NEU_m`, `input_vel_accel_NE_m`, `input_pos_vel_accel_NE_m`, `input_accel_NE_m`). Take-off is
+ArduCopter/takeoff.cpp `_AutoTakeoff::run`, landing mode.cpp `land_run_vertical_control`, the circle
+libraries/AC_WPNav/AC_Circle.cpp.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ from skyrange.vehicle.builtin.shaping import (
     wrap_pi,
 )
 
-_CLIMBED = int(Flag.CLIMBED)
-_LEVELLED = int(Flag.LEVELLED)
+_TAKEOFF_COMPLETE = int(Flag.CLIMBED)
+_ALTITUDE_REACHED = int(Flag.LEVELLED)
 _LEG = int(Control.LEG)
 _POSITION = int(Control.POSITION)
 _VELOCITY = int(Control.VELOCITY)
 _LAND = int(Control.LAND)
 _TAKEOFF = int(Control.TAKEOFF)
-_TRACK = int(Control.TRACK)
+_POS_VEL_ACCEL = int(Control.TRACK)
 _ACCEL = int(Control.ACCEL)
 _CIRCLE = int(Control.CIRCLE)
-_ALTITUDE = int(Control.ALTITUDE)
+_LOITER_TO_ALT = int(Control.ALTITUDE)
 _ATTITUDE = int(Control.ATTITUDE)
 _ALT_HOLD = int(Control.ALT_HOLD)
 _LOITER = int(Control.LOITER)
@@ -43,8 +44,8 @@ _TURN_ACCEL_MIN = math.radians(2.0)  # AC_CIRCLE_ANGULAR_ACCEL_MIN
 
 
 @kernel
-def _advance_level(e: Any, f: Any, dt_s: float) -> None:
-    """Move the reference over the ground; no farther away with the lean at its limit (`update_pos_vel_accel_xy`)."""
+def _update_pos_vel_accel_ne(e: Any, f: Any, dt_s: float) -> None:
+    """Move the reference horizontally, but not farther away at the lean limit (`update_pos_vel_accel_xy`)."""
     d_e = f.ref_vel[0] * dt_s + 0.5 * f.ref_acc[0] * dt_s * dt_s
     d_n = f.ref_vel[1] * dt_s + 0.5 * f.ref_acc[1] * dt_s * dt_s
     limited = f.limit[0] != 0.0 or f.limit[1] != 0.0
@@ -66,8 +67,8 @@ def _advance_level(e: Any, f: Any, dt_s: float) -> None:
 
 
 @kernel
-def _advance_up(e: Any, f: Any, dt_s: float) -> None:
-    """The same for height, while thrust is at its least or its most."""
+def _update_pos_vel_accel_u(e: Any, f: Any, dt_s: float) -> None:
+    """Move the reference vertically, but not farther away at the limits of thrust (`update_pos_vel_accel`)."""
     limit = 1.0 if f.throttle_full == 1 else (-1.0 if f.throttle <= 0.0 else 0.0)
     d_u = f.ref_vel[2] * dt_s + 0.5 * f.ref_acc[2] * dt_s * dt_s
     if not (d_u * limit > 0.0 and (f.ref_pos[2] - e.pos[2]) * limit > 0.0):
@@ -79,9 +80,11 @@ def _advance_up(e: Any, f: Any, dt_s: float) -> None:
 
 
 @kernel
-def _level(e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, acc_n: float, dt_s: float) -> None:
-    """Shape the reference's horizontal velocity towards a wanted one (`input_vel_accel_NE_m`)."""
-    _advance_level(e, f, dt_s)
+def _input_vel_accel_ne(
+    e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, acc_n: float, dt_s: float
+) -> None:
+    """Shape the reference's horizontal velocity towards a target (`input_vel_accel_NE_m`)."""
+    _update_pos_vel_accel_ne(e, f, dt_s)
     f.ref_acc[0], f.ref_acc[1] = shape_velocity_xy(
         want_e, want_n, acc_e, acc_n, f.ref_vel[0], f.ref_vel[1], f.ref_acc[0], f.ref_acc[1],
         f.accel_xy, p.PSC_JERK_XY, dt_s,
@@ -89,36 +92,36 @@ def _level(e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, a
 
 
 @kernel
-def _up(e: Any, f: Any, p: Any, want: float, acc: float, dt_s: float) -> None:
-    """The same for height (`input_vel_accel_U_m`)."""
-    _advance_up(e, f, dt_s)
+def _input_vel_accel_u(e: Any, f: Any, p: Any, want: float, acc: float, dt_s: float) -> None:
+    """Shape the reference's vertical velocity towards a target (`input_vel_accel_U_m`)."""
+    _update_pos_vel_accel_u(e, f, dt_s)
     f.ref_acc[2] = shape_velocity(want, acc, f.ref_vel[2], f.ref_acc[2], f.accel_z, p.PSC_JERK_Z, dt_s)
 
 
 @kernel
-def _place(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Shape the reference's place over the ground towards the target's (`input_pos_vel_accel_NE_m`)."""
+def _input_pos_vel_accel_ne(e: Any, f: Any, p: Any, dt_s: float) -> None:
+    """Shape the reference's horizontal position towards the target's (`input_pos_vel_accel_NE_m`)."""
     d_e = f.target_pos[0] - f.ref_pos[0]
     d_n = f.target_pos[1] - f.ref_pos[1]
     away = math.sqrt(d_e * d_e + d_n * d_n)
     speed = min(approach_velocity(away, f.accel_xy, p.PSC_JERK_XY, dt_s), f.speed_xy)
     scale = speed / away if away > 1e-9 else 0.0
-    _level(
+    _input_vel_accel_ne(
         e, f, p, d_e * scale + f.target_vel[0], d_n * scale + f.target_vel[1],
         f.target_acc[0], f.target_acc[1], dt_s,
     )  # fmt: skip
 
 
 @kernel
-def _height(e: Any, f: Any, p: Any, dt_s: float) -> None:
+def _input_pos_vel_accel_u(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Shape the reference's height towards the target's (`input_pos_vel_accel_U_m`)."""
     want = approach_velocity(f.target_pos[2] - f.ref_pos[2], f.accel_z, p.PSC_JERK_Z, dt_s)
-    _up(e, f, p, clamp(want, -f.speed_down, f.speed_up) + f.target_vel[2], f.target_acc[2], dt_s)
+    _input_vel_accel_u(e, f, p, clamp(want, -f.speed_down, f.speed_up) + f.target_vel[2], f.target_acc[2], dt_s)
 
 
 @kernel
-def _straight(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Shape the reference towards a place that stands still, on a straight line (`input_pos_NEU_m`)."""
+def _input_pos_neu(e: Any, f: Any, p: Any, dt_s: float) -> None:
+    """Shape the reference towards a fixed position, on a straight line (`input_pos_NEU_m`)."""
     d_e = f.target_pos[0] - f.ref_pos[0]
     d_n = f.target_pos[1] - f.ref_pos[1]
     d_u = f.target_pos[2] - f.ref_pos[2]
@@ -128,14 +131,14 @@ def _straight(e: Any, f: Any, p: Any, dt_s: float) -> None:
     per = most / far if far > 1e-9 else 0.0
     speed = min(approach_velocity(flat, f.accel_xy, p.PSC_JERK_XY, dt_s), flat * per)
     scale = speed / flat if flat > 1e-9 else 0.0
-    _level(e, f, p, d_e * scale, d_n * scale, 0.0, 0.0, dt_s)
+    _input_vel_accel_ne(e, f, p, d_e * scale, d_n * scale, 0.0, 0.0, dt_s)
     climb = approach_velocity(d_u, f.accel_z, p.PSC_JERK_Z, dt_s)
-    _up(e, f, p, clamp(climb, -abs(d_u) * per, abs(d_u) * per), 0.0, dt_s)
+    _input_vel_accel_u(e, f, p, clamp(climb, -abs(d_u) * per, abs(d_u) * per), 0.0, dt_s)
 
 
 @kernel
-def _land_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
-    """How fast to descend here, m/s (negative): quick down to LAND_ALT_LOW, then LAND_SPEED."""
+def _land_descent_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
+    """Return the climb rate of a landing, m/s (negative): fast down to LAND_ALT_LOW, then LAND_SPEED."""
     slow = p.LAND_SPEED * 0.01
     quick = p.LAND_SPEED_HIGH * 0.01 if p.LAND_SPEED_HIGH > 0.0 else f.speed_down
     rate = sqrt_controller(p.LAND_ALT_LOW * 0.01 - e.height, p.PSC_POSZ_P, f.accel_z, dt_s)
@@ -143,8 +146,8 @@ def _land_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
 
 
 @kernel
-def _circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Move the target round the circle (AC_Circle::update_cms), no faster than half the acceleration allows."""
+def _update_circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
+    """Move the target around the circle (AC_Circle::update_cms), no faster than half the acceleration allows."""
     radius = f.circle_radius
     if radius > 0.0:
         fast = min(f.speed_xy, math.sqrt(0.5 * f.accel_xy * radius)) / radius
@@ -158,25 +161,25 @@ def _circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
     f.circle_total += f.circle_speed * dt_s
     f.target_pos[0] = f.centre[0] + radius * math.cos(f.circle_angle)
     f.target_pos[1] = f.centre[1] + radius * math.sin(f.circle_angle)
-    _place(e, f, p, dt_s)
-    _up(e, f, p, 0.0, 0.0, dt_s)
+    _input_pos_vel_accel_ne(e, f, p, dt_s)
+    _input_vel_accel_u(e, f, p, 0.0, 0.0, dt_s)
 
 
 @kernel
-def _altitude(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Hold the place and go to the target's height; raise LEVELLED there, or past it (loiter_to_alt_run)."""
+def _loiter_to_alt(e: Any, f: Any, p: Any, dt_s: float) -> None:
+    """Hold the position and go to the height of the target; raise ALTITUDE_REACHED there (loiter_to_alt_run)."""
     error = e.pos[2] - f.target_pos[2]
-    _level(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
+    _input_vel_accel_ne(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
     want = sqrt_controller(-error, p.PSC_POSZ_P, f.accel_z, dt_s)
-    _up(e, f, p, clamp(want, -f.speed_down, f.speed_up), 0.0, dt_s)
+    _input_vel_accel_u(e, f, p, clamp(want, -f.speed_down, f.speed_up), 0.0, dt_s)
     if abs(error) < _LEVEL_M or error * f.target_vel[2] < 0.0:
-        f.flags |= _LEVELLED
-    f.target_vel[2] = error  # only its sign is looked at, in the next step
+        f.flags |= _ALTITUDE_REACHED
+    f.target_vel[2] = error  # only its sign is used, in the next step
 
 
 @kernel
-def _drift(e: Any, f: Any) -> None:
-    """Without a position to hold, the reference goes where the aircraft is believed to go."""
+def _follow_estimate(e: Any, f: Any) -> None:
+    """Let the reference follow the estimate where there is no position to hold."""
     for axis in range(2):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
@@ -185,53 +188,53 @@ def _drift(e: Any, f: Any) -> None:
 
 @kernel
 def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
-    """Move the reference of one flying aircraft by one step, according to its control."""
+    """Move the reference of one flying aircraft by one step, according to its control mode."""
     control = f.control
     if control == _LEG:
         wpnav.follow(e, f, w, p, dt_s)
     elif control == _POSITION:
-        _straight(e, f, p, dt_s)
+        _input_pos_neu(e, f, p, dt_s)
     elif control == _VELOCITY:
-        _level(e, f, p, f.target_vel[0], f.target_vel[1], f.target_acc[0], f.target_acc[1], dt_s)
-        _up(e, f, p, f.target_vel[2], f.target_acc[2], dt_s)
+        _input_vel_accel_ne(e, f, p, f.target_vel[0], f.target_vel[1], f.target_acc[0], f.target_acc[1], dt_s)
+        _input_vel_accel_u(e, f, p, f.target_vel[2], f.target_acc[2], dt_s)
         for axis in range(3):
             f.target_vel[axis] += f.target_acc[axis] * dt_s
-    elif control == _TRACK:
-        _place(e, f, p, dt_s)
-        _height(e, f, p, dt_s)
+    elif control == _POS_VEL_ACCEL:
+        _input_pos_vel_accel_ne(e, f, p, dt_s)
+        _input_pos_vel_accel_u(e, f, p, dt_s)
         for axis in range(3):
             f.target_pos[axis] += f.target_vel[axis] * dt_s
             f.target_vel[axis] += f.target_acc[axis] * dt_s
     elif control == _ACCEL:
-        _advance_level(e, f, dt_s)
+        _update_pos_vel_accel_ne(e, f, dt_s)
         step_e, step_n = limit_xy(f.target_acc[0] - f.ref_acc[0], f.target_acc[1] - f.ref_acc[1], p.PSC_JERK_XY * dt_s)
         f.ref_acc[0] += step_e
         f.ref_acc[1] += step_n
-        _advance_up(e, f, dt_s)
+        _update_pos_vel_accel_u(e, f, dt_s)
         f.ref_acc[2] += clamp(f.target_acc[2] - f.ref_acc[2], -p.PSC_JERK_Z * dt_s, p.PSC_JERK_Z * dt_s)
     elif control == _LAND:
         if f.blind == 1:
-            _drift(e, f)
+            _follow_estimate(e, f)
         else:
-            _level(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
+            _input_vel_accel_ne(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
         f.pause_s = max(f.pause_s - dt_s, 0.0)
-        _up(e, f, p, 0.0 if f.pause_s > 0.0 else _land_rate(e, f, p, dt_s), 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, 0.0 if f.pause_s > 0.0 else _land_descent_rate(e, f, p, dt_s), 0.0, dt_s)
     elif control == _TAKEOFF:
-        _level(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
+        _input_vel_accel_ne(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
         want = approach_velocity(f.target_pos[2] - f.ref_pos[2], f.accel_z, p.PSC_JERK_Z, dt_s)
-        _up(e, f, p, clamp(want, -f.speed_down, f.speed_up), 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, clamp(want, -f.speed_down, f.speed_up), 0.0, dt_s)
         # within 1 % of the stopping distance and below 10 % of the climb rate (takeoff.cpp)
         slow = 0.1 * f.speed_up
         if f.ref_pos[2] >= f.target_pos[2] - 0.5 * slow * slow / f.accel_z and f.ref_vel[2] < slow:
-            f.flags |= _CLIMBED
+            f.flags |= _TAKEOFF_COMPLETE
     elif control == _CIRCLE:
-        _circle(e, f, p, dt_s)
-    elif control == _ALTITUDE:
-        _altitude(e, f, p, dt_s)
+        _update_circle(e, f, p, dt_s)
+    elif control == _LOITER_TO_ALT:
+        _loiter_to_alt(e, f, p, dt_s)
     elif control == _LOITER:
         sticks.loiter(e, f, p, dt_s)
-        _up(e, f, p, sticks.climb_rate(f, p), 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, sticks.climb_rate(f, p), 0.0, dt_s)
     elif control == _ALT_HOLD:
-        _up(e, f, p, sticks.climb_rate(f, p), 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, sticks.climb_rate(f, p), 0.0, dt_s)
     elif control == _ATTITUDE:
-        _up(e, f, p, f.want_climb, 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, f.want_climb, 0.0, dt_s)

@@ -1,4 +1,4 @@
-"""Where does the nose go? The angle and rate that each way of heading asks for, step by step.
+"""Yaw target: the angle and rate that each yaw mode requests, step by step.
 
 After ArduCopter/autoyaw.cpp (`yaw_rad`, `rate_rads`, `set_fixed_yaw_rad`) and AC_PosControl.cpp
 `calculate_yaw_and_rate_yaw`. Angles counter-clockwise from east.
@@ -14,51 +14,51 @@ from skyrange.vehicle.builtin.layout import Heading, Records
 from skyrange.vehicle.builtin.shaping import clamp, wrap_pi
 
 _HOLD = int(Heading.HOLD)
-_NEXT = int(Heading.NEXT)
+_LOOK_AT_NEXT_WP = int(Heading.NEXT)
 _ROI = int(Heading.ROI)
 _FIXED = int(Heading.FIXED)
-_AHEAD = int(Heading.AHEAD)
+_LOOK_AHEAD = int(Heading.AHEAD)
 _ANGLE_RATE = int(Heading.ANGLE_RATE)
 _RATE = int(Heading.RATE)
 _CIRCLE = int(Heading.CIRCLE)
 _LOOK_AHEAD_MPS = 1.0  # YAW_LOOK_AHEAD_MIN_SPEED
-_MOVING = 0.05  # of the speed limit: calculate_yaw_and_rate_yaw
+_MIN_SPEED_SHARE = 0.05  # of the speed limit: calculate_yaw_and_rate_yaw
 
 
 @kernel
 def yaw_of(w: float, x: float, y: float, z: float) -> float:
-    """The yaw of an attitude."""
+    """Return the yaw of an attitude quaternion."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 @kernel
 def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
-    """(whether only a rate is asked for, yaw, yaw rate) of this step, rad and rad/s."""
+    """Return (whether only a rate is requested, yaw, yaw rate) of this step, rad and rad/s."""
     kind = f.heading
     if kind == _HOLD:
         f.target_yaw = e.yaw
         return True, 0.0, 0.0
     if kind == _RATE:
         return True, 0.0, f.target_yaw_rate
-    if kind == _NEXT:
+    if kind == _LOOK_AT_NEXT_WP:
         vel_e = f.ref_vel[0]
         vel_n = f.ref_vel[1]
         square = vel_e * vel_e + vel_n * vel_n
-        least = _MOVING * f.speed_xy
+        least = _MIN_SPEED_SHARE * f.speed_xy
         if square > least * least and square > 0.0:
             f.target_yaw = math.atan2(vel_n, vel_e)
             return False, f.target_yaw, (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
-        # too slow: the yaw of the attitude target. Leaning aside that is not the heading it is made from, so it turns
-        # on until it is, as in ArduCopter
+        # too slow: use the yaw of the attitude target. While it leans sideways, that is not the heading that it is
+        # shaped from, so it keeps turning until it is, as in ArduCopter
         f.target_yaw = yaw_of(f.att[0], f.att[1], f.att[2], f.att[3])
         return False, f.target_yaw, 0.0
     if kind == _ROI:
-        f.target_yaw = _towards(f, e, f.roi[0], f.roi[1])
+        f.target_yaw = _yaw_towards(f, e, f.roi[0], f.roi[1])
     elif kind == _FIXED:
         step = clamp(f.turn_left, -dt_s * f.turn_rate, dt_s * f.turn_rate)
         f.turn_left -= step
         f.target_yaw = wrap_pi(f.target_yaw + step)
-    elif kind == _AHEAD:
+    elif kind == _LOOK_AHEAD:
         if e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1] > _LOOK_AHEAD_MPS * _LOOK_AHEAD_MPS:
             f.target_yaw = math.atan2(e.vel[1], e.vel[0])
     elif kind == _ANGLE_RATE:
@@ -72,7 +72,7 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
 
 
 @kernel
-def _towards(f: Any, e: Any, east: float, north: float) -> float:
+def _yaw_towards(f: Any, e: Any, east: float, north: float) -> float:
     d_e = east - e.pos[0]
     d_n = north - e.pos[1]
     if d_e * d_e + d_n * d_n < 1e-6:
@@ -86,9 +86,9 @@ def ask_turn(
     estimate: Records, flight: Records, settings: Records, row: int,
     angle: float, rate: float, direction: int, relative: bool,
 ) -> None:  # fmt: skip
-    """Ask for a turn (`set_fixed_yaw_rad`): to an angle, or on by one; rad, compass sense (clockwise from north).
+    """Set a fixed turn (`set_fixed_yaw_rad`): to an angle, or by one if `relative`; rad, clockwise from north.
 
-    `direction` 1 turns clockwise, -1 the other way, 0 the shorter; `rate` 0 is the fastest allowed.
+    `direction` 1 turns clockwise, -1 counter-clockwise, 0 the shorter way; `rate` 0 is the maximum rate.
     """
     f: Any = flight[row]
     p: Any = settings[row]
@@ -110,7 +110,7 @@ def ask_turn(
 
 @kernel
 def turned(estimate: Records, flight: Records, row: int) -> bool:
-    """Whether a turn that was asked for is done, to 2° (`reached_fixed_yaw_target`)."""
+    """Whether a fixed turn is complete, to 2° (`reached_fixed_yaw_target`)."""
     f: Any = flight[row]
     if f.heading != _FIXED:
         return True

@@ -1,4 +1,4 @@
-"""Where is home, and who is told? After `Copter::set_home` (ArduCopter/commands.cpp) and AP_AHRS::set_home."""
+"""Home position: how it is set and reported (ArduCopter/commands.cpp `Copter::set_home`, AP_AHRS::set_home)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from skyrange.vehicle.builtin.telemetry.table import message
 
 
 def announce(fleet: Fleet, craft: Craft, causes: Causes) -> None:
-    """Say where home and the origin of local positions are, as at every change of home."""
+    """Send HOME_POSITION and GPS_GLOBAL_ORIGIN, as at every change of home."""
     for number in (mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN):
         told = message(fleet, craft, number)
         if told is not None:
@@ -16,7 +16,7 @@ def announce(fleet: Fleet, craft: Craft, causes: Causes) -> None:
 
 
 def set_home(fleet: Fleet, craft: Craft, place: tuple[float, float, float], causes: Causes, lock: bool) -> None:
-    """Move home to a place (ENU metres) at once, for the fence too; `lock` it there: the next arming leaves it."""
+    """Move home to a place (ENU metres) at once, for the fence too; with `lock`, the next arming does not move it."""
     fleet.take_home(craft, place)
     craft.home_locked = craft.home_locked or lock
     fleet.note("event.home", craft, {"east_m": place[0], "north_m": place[1], "up_m": place[2]}, causes)

@@ -1,7 +1,7 @@
-"""Where does the landing sequence of a mission begin, and how does one get into it? DO_LAND_START.
+"""Landing sequence of a mission: the nearest DO_LAND_START, and the jump to it.
 
 After libraries/AP_Mission/AP_Mission.cpp (`get_landing_sequence_start`, `jump_to_landing_sequence`,
-`jump_to_closest_mission_leg` as far as there is no DO_RETURN_PATH_START).
+`jump_to_closest_mission_leg` for missions without DO_RETURN_PATH_START).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from skyrange.vehicle.builtin.sequence import next_navigation
 
 
 def nearest(fleet: Fleet, craft: Craft) -> int | None:
-    """The DO_LAND_START that is nearest to where the craft would come to rest, height counted; `None` of none.
+    """Return the DO_LAND_START nearest to the point of rest of the aircraft, in three dimensions; `None` without one.
 
-    One without a place stands where the navigation item behind it does.
+    One without a place is at the navigation command behind it.
     """
     here = wpnav.rest_at(fleet.estimate, fleet.flight, fleet.settings, craft.row)
     found, least = None, math.inf
@@ -45,7 +45,7 @@ def jump(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
     if seq is None or not navigator.set_current(fleet, craft, seq):
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Unable to start landing sequence", causes)
         return False
-    if craft.mode == Mode.AUTO and craft.mission_state != MissionState.ACTIVE:  # it had ended
+    if craft.mode == Mode.AUTO and craft.mission_state != MissionState.ACTIVE:  # the mission had ended
         craft.resumes = True
         navigator.start_or_resume(fleet, craft)
     fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Landing sequence start", causes)
@@ -53,7 +53,7 @@ def jump(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
 
 
 def join(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
-    """The same, unless the mission flies its landing sequence already."""
+    """Make the nearest DO_LAND_START current, unless the mission already flies its landing sequence."""
     if craft.mission_state == MissionState.ACTIVE and craft.in_landing:
         fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Landing sequence active", causes)
         return True

@@ -1,7 +1,7 @@
-"""What happens in one turn of the main loop, for every aircraft? Guide, control, detect landing.
+"""Main loop: one pass of guidance, control and landing detection for every aircraft.
 
-One kernel over all rows, `turn`, after the estimator has said where each aircraft believes to be. Attitude and thrust
-are controlled in each turn; guidance, position control and the landing detector run every `gains.SLOW_S`.
+The compiled function `run_loop` passes over all rows after the estimator has updated each aircraft's state. It controls
+attitude and thrust in each pass; guidance, position control and the landing detector run every `gains.SLOW_LOOP_S`.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _STABILIZE = int(Control.STABILIZE)
 _ALT_HOLD = int(Control.ALT_HOLD)
 _LOITER = int(Control.LOITER)
 _HOLD = int(Heading.HOLD)
-_LIFTED = int(Flag.LIFTED)
-_LANDED = int(Flag.LANDED)
-_CRASHED = int(Flag.CRASHED)
+_LIFT_OFF = int(Flag.LIFTED)
+_LAND_COMPLETE = int(Flag.LANDED)
+_CRASH = int(Flag.CRASHED)
 _CDEG = math.pi / 18_000.0
 # land_detector.cpp and config.h (LAND_DETECTOR_*, LAND_CHECK_*)
 _LAND_S = 1.0
@@ -44,12 +44,12 @@ _RELAX_TC_S = 0.16  # AC_PosControl.cpp POSCONTROL_RELAX_TC
 _CRASH_S = 2.0
 _CRASH_ACCEL_MPS2 = 3.0
 _CRASH_SPEED_MPS = 10.0
-_EARLY_S = 1e-9  # what rounding may take off a sum of steps
+_EARLY_S = 1e-9  # rounding error of a sum of steps
 
 
 @kernel
 def take_reference(e: Any, f: Any) -> None:
-    """Put the reference where the aircraft is, moving and pointing as it does."""
+    """Set the reference and the attitude target to the aircraft's estimated state."""
     for axis in range(3):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
@@ -63,35 +63,35 @@ def take_reference(e: Any, f: Any) -> None:
 
 @kernel
 def _spool(e: Any, f: Any, p: Any, out: Any, i: int, dt_s: float) -> bool:
-    """Bring the motors from ground idle to their range (AP_MotorsMulticopter::output_logic); whether they are there."""
+    """Spool the motors up from ground idle (AP_MotorsMulticopter::output_logic); whether they have spooled up."""
     take_reference(e, f)
     relax(f)
     if f.spool >= 1.0:
         return True
     f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
     f.throttle = 0.0
-    _spin(out, i, f.spool * p.MOT_SPIN_MIN)
+    _set_all_motors(out, i, f.spool * p.MOT_SPIN_MIN)
     return False
 
 
 @kernel
-def _spin(out: Any, i: int, command: float) -> None:
+def _set_all_motors(out: Any, i: int, command: float) -> None:
     for motor in range(out.shape[1]):
         out[i, motor] = command
 
 
 @kernel
-def _idle(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
-    """Towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
+def _idle_motors(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
+    """Move towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
     step = dt_s / p.MOT_SPOOL_TIME
     armed = min(p.MOT_SPIN_ARM / p.MOT_SPIN_MIN, 1.0) if p.MOT_SPIN_MIN > 0.0 else 0.0
     f.spool = min(max(armed, f.spool - step), f.spool + step)
-    _spin(out, i, f.spool * p.MOT_SPIN_MIN)
+    _set_all_motors(out, i, f.spool * p.MOT_SPIN_MIN)
 
 
 @kernel
-def _stand(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
-    """Stay level at a given throttle on the ground, before lift-off."""
+def _hold_level(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
+    """Hold level at a given throttle on the ground, before lift-off."""
     f.throttle = throttle
     f.att_rate[0] = 0.0
     f.att_rate[1] = 0.0
@@ -102,15 +102,15 @@ def _stand(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
 
 
 @kernel
-def _lift_off(f: Any) -> None:
+def _leave_ground(f: Any) -> None:
     f.landed = 0
     f.land_s = 0.0
-    f.flags |= _LIFTED
+    f.flags |= _LIFT_OFF
     f.slow_s = 1e9
 
 
 @kernel
-def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
+def _run_takeoff(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
     """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
     if not _spool(e, f, p, out, i, dt_s):
         return
@@ -120,38 +120,38 @@ def _rise(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None
         f.att[1] = 0.0
         f.att[2] = 0.0
         f.att[3] = e.quat[3] / level
-    _stand(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
+    _hold_level(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
     if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
         f.throttle_i = f.throttle - p.MOT_THST_HOVER
-        _lift_off(f)
+        _leave_ground(f)
 
 
 @kernel
 def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
-    """On the ground in a pilot's mode: motors idle until the throttle is raised."""
+    """Keep the motors idle on the ground in a pilot's mode until the throttle is raised."""
     if f.control == _STABILIZE:
         if sticks.throttle_zero(f, dt_s):
             f.throttle = 0.0
             take_reference(e, f)
-            _idle(f, p, out, i, dt_s)
+            _idle_motors(f, p, out, i, dt_s)
         elif _spool(e, f, p, out, i, dt_s):
-            _lift_off(f)
+            _leave_ground(f)
     elif sticks.climb_rate(f, p) > 0.0:
         sticks.throttle_zero(f, dt_s)
-        _rise(e, f, p, g, out, i, dt_s)
+        _run_takeoff(e, f, p, g, out, i, dt_s)
     else:
         sticks.throttle_zero(f, dt_s)
         f.throttle = 0.0
         take_reference(e, f)
-        _idle(f, p, out, i, dt_s)
+        _idle_motors(f, p, out, i, dt_s)
 
 
 @kernel
-def _soften(e: Any, f: Any, dt_s: float) -> None:
-    """Stop asking for a lean against wind and position error (AC_PosControl `soften_for_landing_NE`).
+def _soften_for_landing(e: Any, f: Any, dt_s: float) -> None:
+    """Release the lean that opposes wind and position error (AC_PosControl `soften_for_landing_NE`).
 
-    ArduCopter waits for its landing criteria to be met once, and only stops the integral: in a wind that takes more
-    lean than they allow it would stand with turning motors for ever.
+    ArduCopter does so only once its landing criteria have been met, and only stops the integral. In a wind that takes
+    more lean than these criteria allow, it would stand with turning motors for ever.
     """
     part = dt_s / (dt_s + _RELAX_TC_S)
     for axis in range(2):
@@ -160,8 +160,11 @@ def _soften(e: Any, f: Any, dt_s: float) -> None:
 
 
 @kernel
-def _touch(e: Any, f: Any, dt_s: float) -> None:
-    """Landed: least throttle, still and level for a second. Crashed: two seconds far from the wanted attitude."""
+def _update_detectors(e: Any, f: Any, dt_s: float) -> None:
+    """Update the landing and crash detectors.
+
+    Landed: minimum throttle, at rest and level for a second. Crashed: two seconds far from the target attitude.
+    """
     f.tilt_target = attitude.whole_angle(0.5 - 0.5 * f.tilt_cos)
     f.tilt_error = attitude.whole_angle(f.tilt_half2)
     part = dt_s / (dt_s + _LAND_FILTER_S)
@@ -169,14 +172,14 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
     for axis in range(3):
         f.land_accel[axis] += (e.accel[axis] - f.land_accel[axis]) * part
         size += f.land_accel[axis] * f.land_accel[axis]
-    pressed = (  # with no thrust and no acceleration, only the ground can hold it
+    pressed = (  # without thrust and acceleration, only the ground can carry it
         f.throttle <= 0.0
         and size <= _LAND_ACCEL_MPS2 * _LAND_ACCEL_MPS2
         and abs(e.vel[2]) < _LAND_CLIMB_MPS
         and e.height < _LAND_HEIGHT_M
     )
     if pressed:
-        _soften(e, f, dt_s)
+        _soften_for_landing(e, f, dt_s)
     still = pressed and f.tilt_target < _LAND_TILT_RAD and f.tilt_error < _LAND_TILT_ERROR_RAD
     thrown = (
         f.tilt_error > _LAND_TILT_ERROR_RAD
@@ -185,19 +188,19 @@ def _touch(e: Any, f: Any, dt_s: float) -> None:
     )
     f.crash_s = f.crash_s + dt_s if thrown else 0.0
     if f.crash_s >= _CRASH_S:
-        f.flags |= _CRASHED
+        f.flags |= _CRASH
     f.land_s = f.land_s + dt_s if still else 0.0
     if f.land_s >= _LAND_S:
         f.landed = 1
         if f.control < _STABILIZE:
             f.control = _IDLE
         f.throttle = 0.0
-        f.flags |= _LANDED
+        f.flags |= _LAND_COMPLETE
 
 
 @kernel
-def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
-    """The slow part of control: reference, position and height, and what attitude they ask for."""
+def _run_slow_control(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
+    """Run the slow part of control: reference, position and height controllers, and the attitude that they request."""
     control = f.control
     guide(e, f, w, p, dt_s)
     if control != _STABILIZE:
@@ -207,7 +210,7 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
         forward, left = sticks.lean(e, f, most, most)
         acc_e, acc_n = sticks.to_local(e, forward, left)
         attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
-        for axis in range(2):  # no place is held: where it comes back to holding one, it starts from here
+        for axis in range(2):  # no position is held; holding one again starts from here
             f.ref_pos[axis] = e.pos[axis]
             f.ref_vel[axis] = e.vel[axis]
         return
@@ -232,7 +235,7 @@ def _steer(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
         attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
         return
     turning, yaw, yaw_rate = turn_nose(e, f, dt_s)
-    if f.sticks[2] != 0.0:  # a pilot may always turn the nose (AutoYaw::get_heading)
+    if f.sticks[2] != 0.0:  # the yaw stick overrides the yaw mode (AutoYaw::get_heading)
         f.heading = _HOLD
         turning = True
         yaw_rate = sticks.yaw_rate(f, p)
@@ -250,9 +253,9 @@ def turn(
     out: Floats,
     dt_s: float,
 ) -> int:
-    """One step for every row: writes `out`, (n, motors) commands 0…1; returns how many rows raised a flag newly.
+    """Run one pass for every row and write `out`, (n, motors) commands 0…1; return how many rows raised a new event.
 
-    `which` (n,) is each row's set of parameters in `tuned` and `settings`, one row per distinct set.
+    `which` (n,) is the row of `tuned` and `settings` that holds each aircraft's gains and parameters.
     """
     flagged = 0
     for i in range(flight.shape[0]):
@@ -267,10 +270,10 @@ def turn(
         g: Any = tuned[which[i]]
         f.slow_s += dt_s
         if control == _IDLE:
-            _idle(f, settings[which[i]], out, i, dt_s)
+            _idle_motors(f, settings[which[i]], out, i, dt_s)
         elif f.landed == 1:
             if control == _TAKEOFF or (control == _ATTITUDE and f.want_climb > 0.0):
-                _rise(e, f, settings[which[i]], g, out, i, dt_s)
+                _run_takeoff(e, f, settings[which[i]], g, out, i, dt_s)
             elif control >= _STABILIZE:
                 _wait_for_pilot(e, f, settings[which[i]], g, out, i, dt_s)
             else:
@@ -281,7 +284,7 @@ def turn(
             if slow:
                 slow_s = f.slow_s if f.slow_s < 2.0 * SLOW_S else max(SLOW_S, dt_s)
                 f.slow_s = 0.0
-                _steer(e, f, legs[i], settings[which[i]], g, slow_s)
+                _run_slow_control(e, f, legs[i], settings[which[i]], g, slow_s)
             if control != _STABILIZE:
                 f.throttle = lift(e, f, g)
                 if f.rates_only == 0 or control != _ATTITUDE:
@@ -297,13 +300,13 @@ def turn(
                 f.rate_i[1] = 0.0
                 f.rate_i[2] = 0.0
                 attitude.start(e, f)
-                _spin(out, i, settings[which[i]].MOT_SPIN_ARM)
+                _set_all_motors(out, i, settings[which[i]].MOT_SPIN_ARM)
             else:
                 f.throttle = sticks.throttle(f, settings[which[i]])
                 attitude.advance(f, dt_s)
                 out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, False, False)
             if slow:
-                _touch(e, f, slow_s)
+                _update_detectors(e, f, slow_s)
         if f.flags & ~before:
             flagged += 1
     return flagged
@@ -311,7 +314,7 @@ def turn(
 
 @kernel
 def rest(flight: Records, row: int) -> None:
-    """Clear one row's controllers before it leaves the ground."""
+    """Reset one row's controllers before take-off."""
     f: Any = flight[row]
     relax(f)
     f.throttle_i = 0.0
@@ -321,7 +324,7 @@ def rest(flight: Records, row: int) -> None:
 
 @kernel
 def hold(estimate: Records, flight: Records, row: int) -> None:
-    """Put one row's reference where it is (AC_PosControl::init_NE_controller, init_U_controller)."""
+    """Set one row's reference to its estimated state (AC_PosControl::init_NE_controller, init_U_controller)."""
     e: Any = estimate[row]
     f: Any = flight[row]
     for axis in range(3):
@@ -335,5 +338,5 @@ def hold(estimate: Records, flight: Records, row: int) -> None:
 
 @kernel
 def loiter(estimate: Records, flight: Records, row: int) -> None:
-    """Begin LOITER for one row."""
+    """Start LOITER for one row."""
     sticks.begin_loiter(estimate[row], flight[row])

@@ -1,6 +1,6 @@
-"""What of the mail needs to be read one by one? Ground stations' heartbeats are taken in at once, in columns.
+"""Heartbeats of ground stations, processed in columns; all other frames of an inbox are left to be read singly.
 
-A heartbeat says no more than that its sender is there, and in quiet flight a fleet hears nothing else.
+A heartbeat only shows that its sender is there, and in quiet flight a fleet receives nothing else.
 """
 
 from __future__ import annotations
@@ -19,37 +19,38 @@ from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW
 
 _HEARTBEAT: Final = kind_of(dialect.MAVLINK_MSG_ID_HEARTBEAT)
-_SYSTEM: Final = 5  # where a frame names its sender
-_STATION: Final = INDEX["SYSID_MYGCS"]
+_SYSTEM_ID_OFFSET: Final = 5  # offset of the sender's system id in a frame
+_GCS_INDEX: Final = INDEX["SYSID_MYGCS"]
 
 
 @kernel
-def _take(
+def _mark_heartbeats(
     now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, kinds: NDArray[np.int32], extras: Ints,
     crcs: NDArray[np.uint16], stations: Ints, systems: Ints, heard_ns: Ints, single: NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """Note in `heard_ns` who heard its ground station; `single` keeps what else there is."""
+    """Write to `heard_ns` who heard its ground station; set `single` for all other frames."""
     for row in range(starts.shape[0]):
         place = places[row]
         at = starts[row]
         single[row] = True
         if kind_at(data, at, sizes[row], kinds, extras, crcs) == _HEARTBEAT:
-            sender = data[at + _SYSTEM]
+            sender = data[at + _SYSTEM_ID_OFFSET]
             if sender == stations[place] and sender != systems[place]:
                 heard_ns[place] = max(now, 1)
                 single[row] = False
 
 
 def take_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
-    """Take in the heartbeats of each aircraft's own ground station: the rows of `mail` that are left to be read.
+    """Process the heartbeats of each aircraft's own ground station and return the rows of `mail` that remain.
 
-    As `failsafes.ground_station.on_heartbeat` does with one; those of others are left too, for they may be refused.
+    Same effect as `failsafes.ground_station.on_heartbeat` for one heartbeat. Heartbeats of other senders remain,
+    because they may have to be refused.
     """
-    column = fleet.stored[:, _STATION]
-    stations = np.clip(column, LOW[_STATION], HIGH[_STATION]).astype(np.int64)
+    column = fleet.stored[:, _GCS_INDEX]
+    stations = np.clip(column, LOW[_GCS_INDEX], HIGH[_GCS_INDEX]).astype(np.int64)
     single = np.empty(len(mail.payloads), dtype=np.bool_)
     payloads = mail.payloads
-    _take(
+    _mark_heartbeats(
         fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *TABLES, stations, fleet.systems,
         fleet.watch["station_ns"], single,
     )  # fmt: skip

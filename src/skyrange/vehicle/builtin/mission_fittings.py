@@ -1,8 +1,8 @@
-"""Which DO items are there for devices that are not fitted? What ArduPilot keeps of each, and whether it tells.
+"""DO commands for devices that are not fitted: what ArduPilot stores of each, and whether it reports it.
 
-ArduCopter takes these items, keeps their parameters in its 15 bytes (AP_Mission.cpp `mavlink_int_to_mission_cmd`, the
-structures of AP_Mission.h), and goes on past them where there is no camera, gimbal, gripper, servo or relay to move: a
-survey that a ground station drew with camera triggers is flown as a survey.
+ArduCopter accepts these items, stores their parameters in its 15 bytes (AP_Mission.cpp `mavlink_int_to_mission_cmd`,
+the structures of AP_Mission.h), and skips them where there is no camera, gimbal, gripper, servo or relay: a survey
+that a ground station planned with camera triggers is flown as a survey.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from skyrange.codec.mavlink import dialect as mav
 
 FENCE_ENABLE: Final = mav.MAV_CMD_DO_FENCE_ENABLE
-"""The only one of them that acts."""
+"""The only one of them that has an effect."""
 
 _RANGES: Final = {"B": (0, 255), "b": (-128, 127), "H": (0, 65_535), "h": (-32_768, 32_767)}
 
@@ -43,18 +43,18 @@ FITTINGS: Final = {
     mav.MAV_CMD_VIDEO_STOP_CAPTURE: "H------",
     mav.MAV_CMD_DO_WINCH: "BBff---",
 }
-"""What is kept of param1 … param4, x, y and z: whole numbers as `struct` names them, `f` a float, `-` nothing."""
+"""What is stored of param1 … param4, x, y and z: integers as `struct` names them, `f` a float, `-` nothing."""
 
 TOLD: Final = frozenset((mav.MAV_CMD_DO_MOUNT_CONTROL, FENCE_ENABLE, mav.MAV_CMD_DO_WINCH))
-"""Those that are reported with MISSION_ITEM_REACHED (ModeAuto::verify_command); AP_Mission passes over the others."""
+"""Commands reported with MISSION_ITEM_REACHED (ModeAuto::verify_command); AP_Mission skips the others silently."""
 
 
 def kept(command: int, values: Sequence[float]) -> tuple[float, ...]:
-    """The seven numbers of such an item as ArduPilot keeps them; what is no number is 0."""
-    return tuple(_kept(kind, value) for kind, value in zip(FITTINGS[command], values, strict=True))
+    """Return the seven numbers of such an item as ArduPilot stores them; a value that is not a number becomes 0."""
+    return tuple(_stored_field(kind, value) for kind, value in zip(FITTINGS[command], values, strict=True))
 
 
-def _kept(kind: str, value: float) -> float:
+def _stored_field(kind: str, value: float) -> float:
     if kind == "-" or not math.isfinite(value):
         return 0.0
     if kind == "f":

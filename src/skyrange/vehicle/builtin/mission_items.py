@@ -1,7 +1,7 @@
-"""Is a mission item one that this autopilot can fly? From MISSION_ITEM(_INT) to a stored slot, and back.
+"""Conversion of mission items: MISSION_ITEM(_INT) to a stored item with its checks, and back.
 
 After libraries/AP_Mission/AP_Mission.cpp (`sanity_check_params`, `mavlink_int_to_mission_cmd`,
-`convert_MISSION_ITEM_to_MISSION_ITEM_INT`): the result of a bad item says which field is wrong.
+`convert_MISSION_ITEM_to_MISSION_ITEM_INT`): the result of a bad item names the wrong field.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ _DATUMS = {
     **dict.fromkeys(RELATIVE_FRAMES, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT),
     **dict.fromkeys(TERRAIN_FRAMES, dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT),
 }
-"""The frame in which a place is kept and read back (`mission_cmd_to_mavlink_int`): only its datum is stored."""
+"""The frame in which a place is stored and read back (`mission_cmd_to_mavlink_int`): only its datum is kept."""
 _NO_FRAME = dialect.MAV_FRAME_GLOBAL
-"""Of an item without a place."""
+"""The frame of an item without a place."""
 _YAW_MAY_BE_NAN = frozenset((WAYPOINT, UNLIM, LAND, TAKEOFF))
-"""NaN leaves the yaw to the autopilot (sanity_check_params)."""
-_BAD_PARAM = (
+"""Commands whose yaw may be NaN, which leaves it to the autopilot (sanity_check_params)."""
+_INVALID_PARAM = (
     dialect.MAV_MISSION_INVALID_PARAM1,
     dialect.MAV_MISSION_INVALID_PARAM2,
     dialect.MAV_MISSION_INVALID_PARAM3,
@@ -62,10 +62,10 @@ Params = tuple[float, float, float, float]
 
 
 def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
-    """(MAV_MISSION_RESULT, slot) of a MISSION_ITEM_INT or a MISSION_ITEM; no slot unless accepted."""
+    """Return (MAV_MISSION_RESULT, item) of a MISSION_ITEM_INT or MISSION_ITEM; no item unless accepted."""
     command = message.command
     params = (message.param1, message.param2, message.param3, message.param4)
-    for place, (value, bad) in enumerate(zip(params, _BAD_PARAM, strict=True)):
+    for place, (value, bad) in enumerate(zip(params, _INVALID_PARAM, strict=True)):
         yaw = place == 3 and command in _YAW_MAY_BE_NAN
         if math.isinf(value) or (math.isnan(value) and not yaw):
             return bad, None
@@ -95,44 +95,44 @@ def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
     return ACCEPTED, Slot(command, _NO_FRAME, *stored(command, params), causes=causes)
 
 
-def _whole(value: float, low: int, high: int) -> float:
+def _to_whole(value: float, low: int, high: int) -> float:
     return float(int(min(max(value, low), high)))
 
 
 def stored(command: int, params: Params) -> Params:
-    """What ArduPilot keeps of an item's parameters in its 15 bytes (mavlink_int_to_mission_cmd), as it reads back.
+    """Return the parameters that ArduPilot keeps of an item in its 15 bytes (mavlink_int_to_mission_cmd), as read back.
 
-    A waypoint's acceptance radius, pass-by distance and yaw are not kept: WPNAV_RADIUS holds for all.
+    A waypoint's acceptance radius, pass-by distance and yaw are not stored: WPNAV_RADIUS applies to all.
     """
     a, b, c, d = params
     if command in (WAYPOINT, SPLINE, LAND, TAKEOFF, SET_HOME, ROI, ROI_LOCATION, ROI_NONE):
-        return _whole(a, 0, _U16), 0.0, 0.0, 0.0
+        return _to_whole(a, 0, _U16), 0.0, 0.0, 0.0
     if command == UNLIM:
-        return 0.0, 0.0, math.copysign(_whole(abs(c), 0, _U16), c), 0.0
+        return 0.0, 0.0, math.copysign(_to_whole(abs(c), 0, _U16), c), 0.0
     if command == TURNS:
-        turns = int(a * 256.0) / 256.0 if 0.0 < a < 1.0 else _whole(a, 0, _U8)
+        turns = int(a * 256.0) / 256.0 if 0.0 < a < 1.0 else _to_whole(a, 0, _U8)
         radius = abs(c)
-        radius = _whole(radius, 0, _U8) if radius <= _U8 else 10.0 * _whole(radius * 0.1, 0, _U8)
+        radius = _to_whole(radius, 0, _U8) if radius <= _U8 else 10.0 * _to_whole(radius * 0.1, 0, _U8)
         return turns, 0.0, math.copysign(radius, c), float(d > 0.0)
     if command == TIME:
-        return _whole(a, 0, _U16), 0.0, -1.0 if c < 0.0 else 1.0, float(d > 0.0)
+        return _to_whole(a, 0, _U16), 0.0, -1.0 if c < 0.0 else 1.0, float(d > 0.0)
     if command == TO_ALT:
-        return 0.0, math.copysign(_whole(abs(b), 0, _U16), b), 0.0, float(d > 0.0)
+        return 0.0, math.copysign(_to_whole(abs(b), 0, _U16), b), 0.0, float(d > 0.0)
     if command == DELAY:
-        return a, _whole(b, -128, 127), _whole(c, -128, 127), _whole(d, -128, 127)
+        return a, _to_whole(b, -128, 127), _to_whole(c, -128, 127), _to_whole(d, -128, 127)
     if command == JUMP:
-        return _whole(a, 0, _U16), _whole(b, -1, 32767), 0.0, 0.0
+        return _to_whole(a, 0, _U16), _to_whole(b, -1, 32767), 0.0, 0.0
     if command == SPEED:
-        return _whole(a, 0, _U8), b, c, 0.0
+        return _to_whole(a, 0, _U8), b, c, 0.0
     if command == YAW:
-        return a, b, _whole(c, -128, 127), _whole(d, 0, _U8)
+        return a, b, _to_whole(c, -128, 127), _to_whole(d, 0, _U8)
     if command in (WAIT, NEAR):
         return a, 0.0, 0.0, 0.0
     return 0.0, 0.0, 0.0, 0.0  # RETURN_TO_LAUNCH, DO_LAND_START
 
 
 def item_message(fleet: Fleet, craft: Craft, seq: int, partner: tuple[int, int], whole: bool) -> Any:
-    """Item `seq` as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; item 0 is home, whatever was written there."""
+    """Return item `seq` as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; item 0 is home, whatever was written there."""
     if seq == 0:
         lat, lon = fleet.origin.geodetic_of(craft.home[0], craft.home[1])
         slot = Slot(

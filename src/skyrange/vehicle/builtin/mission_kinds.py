@@ -1,4 +1,4 @@
-"""Which mission items are there? The MAV_CMDs that are flown, by what kind of item they are."""
+"""Mission commands that are supported, by group, and ArduPilot's names of them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RTL: Final = dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH
 LAND: Final = dialect.MAV_CMD_NAV_LAND
 TAKEOFF: Final = dialect.MAV_CMD_NAV_TAKEOFF
 NAVIGATION: Final = frozenset((WAYPOINT, SPLINE, UNLIM, TURNS, TIME, TO_ALT, DELAY, RTL, LAND, TAKEOFF))
-"""Items that take time and are flown one after another."""
+"""Commands that take time and are flown one after another."""
 
 JUMP: Final = dialect.MAV_CMD_DO_JUMP
 SPEED: Final = dialect.MAV_CMD_DO_CHANGE_SPEED
@@ -32,12 +32,12 @@ WAIT: Final = dialect.MAV_CMD_CONDITION_DELAY
 NEAR: Final = dialect.MAV_CMD_CONDITION_DISTANCE
 YAW: Final = dialect.MAV_CMD_CONDITION_YAW
 CONDITIONS: Final = frozenset((WAIT, NEAR, YAW))
-"""Items that those behind them wait for."""
+"""Commands that delay those behind them."""
 
 LOCATED: Final = frozenset(
     (WAYPOINT, SPLINE, UNLIM, TURNS, TIME, TO_ALT, LAND, TAKEOFF, SET_HOME, LAND_START, ROI, ROI_LOCATION, ROI_NONE)
 )
-"""Items that are stored with a place (AP_Mission::stored_in_location)."""
+"""Commands that are stored with a place (AP_Mission::stored_in_location)."""
 SUPPORTED: Final = LOCATED | CONDITIONS | {DELAY, RTL, JUMP, SPEED} | FITTINGS.keys()
 
 NAMES: Final = {
@@ -82,4 +82,4 @@ NAMES: Final = {
     dialect.MAV_CMD_VIDEO_STOP_CAPTURE: "VideoStopCapture",
     dialect.MAV_CMD_DO_WINCH: "Winch",
 }
-"""What ArduPilot calls them when they start (AP_Mission.cpp `Mission_Command::type`)."""
+"""ArduPilot's name of a command in the text sent when it starts (AP_Mission.cpp `Mission_Command::type`)."""

@@ -1,4 +1,8 @@
-"""Which flight modes are there? ArduCopter's numbers and names (ArduCopter/mode.h), and what holds of each."""
+"""Flight modes: ArduCopter's numbers and names (ArduCopter/mode.h) and their properties.
+
+The properties are ArduCopter's `requires_GPS`, `has_manual_throttle` and `is_autopilot`; their sets of numbers include
+modes that do not exist here.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +24,7 @@ class Mode(IntEnum):
     LAND = 9
     BRAKE = 17
     AUTO_RTL = 27
-    """No mode of its own: AUTO, while it flies a landing sequence that was asked for."""
+    """Not a mode of its own: AUTO while it flies a requested landing sequence."""
 
 
 PILOTED: Final = {
@@ -28,16 +32,23 @@ PILOTED: Final = {
     int(Mode.ALT_HOLD): Control.ALT_HOLD,
     int(Mode.LOITER): Control.LOITER,
 }
-"""Modes that a pilot's sticks fly, and how."""
+"""Modes flown with the pilot's sticks, and their control mode."""
+
+NEEDS_POSITION: Final = frozenset((3, 4, 5, 6, 7, 16, 17, 27))
+"""AUTO, GUIDED, LOITER, RTL, CIRCLE, POSHOLD, BRAKE, AUTO_RTL: neither entered nor armed in without a position."""
+MANUAL_THROTTLE: Final = frozenset((0, 1))
+"""STABILIZE, ACRO."""
+AUTOPILOT: Final = frozenset((3, 4, 6, 7, 9))
+"""AUTO, GUIDED, RTL, CIRCLE, LAND: modes that fly without a pilot."""
 
 
 def known(number: int) -> Mode | None:
-    """The mode of that number, `None` where the autopilot has no such mode."""
+    """Return the mode of a number, `None` where the autopilot has no such mode."""
     return Mode(number) if number in Mode._value2member_map_ else None
 
 
 def armable(mode: int, auto_options: int) -> bool:
-    """Whether the ground station may arm in a mode; in AUTO where bit 0 of AUTO_OPTIONS is set.
+    """Whether a ground station may arm in a mode; in AUTO only with bit 0 of AUTO_OPTIONS.
 
     After `allows_arming` of each mode (mode.h, mode_auto.cpp).
     """

@@ -1,8 +1,8 @@
-"""How is a mission flown? Which item is next, and what happens when one is done.
+"""Mission execution: which command runs next, and what happens when one is complete.
 
 After libraries/AP_Mission/AP_Mission.cpp (`update`, `advance_current_nav_cmd`, `get_next_cmd`, `set_current_cmd`) and
-ArduCopter/mode_auto.cpp (`exit_mission`). Navigation items (`flown_items`) take time and are flown one after
-another; the DO items between them (`do_items`) go with the one behind them.
+ArduCopter/mode_auto.cpp (`exit_mission`). Navigation commands (`nav_commands`) take time and are flown one after
+another; the DO commands between them (`do_commands`) run beside the navigation command that follows.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from skyrange.vehicle.builtin.mission_kinds import (
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.sequence import MAX_ITEMS, next_navigation, resolve
 
-_AGAIN_NS = NS_PER_S
-"""An item is not reached again sooner than this: a loop of jumps over places that it is at already does not spin."""
-_LOOK_AHEAD = 3  # mis_change_detect_cmd_max
-_TEXTS = 30
-"""Jumps that are told at once: what ArduPilot's queue of texts holds (GCS.h `_status_capacity`)."""
-_TOLD = frozenset((WAYPOINT, SPLINE, TIME))
-_AFTER_LANDING = frozenset((TAKEOFF, DELAY))
-"""Items that go on from the ground: a delay may be waited out there, between a landing and a take-off."""
+_MIN_REPEAT_NS = NS_PER_S
+"""Minimum time before an item can be reached again: a loop of jumps between places already reached does not spin."""
+_CHANGE_DETECT_COMMANDS = 3  # mis_change_detect_cmd_max
+_MAX_JUMP_TEXTS = 30
+"""Jumps that are reported at once: the length of ArduPilot's queue of texts (GCS.h `_status_capacity`)."""
+_REPORTED_COMMANDS = frozenset((WAYPOINT, SPLINE, TIME))
+_GROUND_COMMANDS = frozenset((TAKEOFF, DELAY))
+"""Commands that continue a mission on the ground: a take-off, or a delay between a landing and a take-off."""
 
 
 def starts_with_takeoff(fleet: Fleet, craft: Craft) -> bool:
-    """Whether the first navigation item to be flown is a take-off (AP_Mission::starts_with_takeoff_cmd)."""
+    """Whether the first navigation command to be flown is a take-off (AP_Mission::starts_with_takeoff_cmd)."""
     seq = next_navigation(craft, 1 if fleet.param(craft, "MIS_RESTART") == 1 else craft.current or 1)
     return seq is not None and craft.mission[seq].command == TAKEOFF
 
 
 def start_or_resume(fleet: Fleet, craft: Craft) -> None:
-    """AUTO was entered: begin anew after the end or where MIS_RESTART says so, else go on with the item left."""
+    """Start the mission on entry of AUTO: anew after its end or by MIS_RESTART, else from the current item."""
     anew = fleet.param(craft, "MIS_RESTART") == 1 and not craft.resumes
     craft.resumes = False
     if craft.mission_state == MissionState.COMPLETE or anew:
@@ -57,7 +57,7 @@ def start_or_resume(fleet: Fleet, craft: Craft) -> None:
 
 
 def reset(craft: Craft) -> None:
-    """Back to the first item, jump counters cleared."""
+    """Return to the first item and clear the jump counters."""
     craft.current = 0
     craft.flown = None
     craft.in_landing = False
@@ -66,7 +66,7 @@ def reset(craft: Craft) -> None:
 
 
 def stop(fleet: Fleet, craft: Craft) -> None:
-    """AUTO is left: the item under way is kept for the way back."""
+    """Stop the mission when AUTO is left; the current item is kept."""
     if craft.mission_state == MissionState.ACTIVE:
         craft.mission_state = MissionState.NOT_STARTED
     craft.stage = Stage.NONE
@@ -74,16 +74,16 @@ def stop(fleet: Fleet, craft: Craft) -> None:
 
 
 def update(fleet: Fleet, craft: Craft) -> None:
-    """Start the item that is due, if the mission runs, the motors are armed and none has been started."""
+    """Start the current item if the mission runs, the motors are armed and none has been started."""
     if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and fleet.armed(craft):
         if craft.flown is None:
-            _advance(fleet, craft, craft.current or 1)
+            _advance_nav_command(fleet, craft, craft.current or 1)
         elif craft.ready and craft.flown.command == TAKEOFF and fleet.control(craft) == Control.IDLE:
-            _begin(fleet, craft, craft.flown)
+            _start_nav_command(fleet, craft, craft.flown)
 
 
 def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
-    """Make an item current, as MISSION_SET_CURRENT asks; 0 restarts. `False` where there is no such item."""
+    """Make an item current (MISSION_SET_CURRENT); 0 restarts. `False` where there is no such item."""
     if seq >= len(craft.mission) or len(craft.mission) <= 1:
         return False
     if seq == 0 or craft.mission_state == MissionState.COMPLETE:
@@ -94,7 +94,7 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
     craft.stage = Stage.NONE
     fleet.timer(craft, Timer.HOLD)
     if craft.mission_state == MissionState.ACTIVE and craft.mode == Mode.AUTO and fleet.armed(craft):
-        _advance(fleet, craft, seq)
+        _advance_nav_command(fleet, craft, seq)
         return craft.flown is not None
     found = next_navigation(craft, seq)
     if found is None:
@@ -107,30 +107,30 @@ def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
 
 
 def changed(fleet: Fleet, craft: Craft) -> None:
-    """The mission was rewritten: an item that is gone is not current; a waypoint under way is started anew.
+    """Process a changed mission: an item that is gone is not current; a waypoint in progress is started again.
 
-    The latter only where it or one of the two navigation items behind it is another now (MissionChangeDetector).
+    The latter only if it or one of the two navigation commands after it has changed (MissionChangeDetector).
     """
     if craft.current >= len(craft.mission):
         reset(craft)
         if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and not craft.sees_mission:
-            _complete(fleet, craft)
+            _exit_mission(fleet, craft)
             return
         auto_rtl.look(fleet, craft)
-    if craft.mode != Mode.AUTO or craft.flown is None or _ahead(craft) == craft.ahead:
+    if craft.mode != Mode.AUTO or craft.flown is None or _upcoming_commands(craft) == craft.ahead:
         return
-    if craft.flown.command in _TOLD and craft.mission_state == MissionState.ACTIVE:
+    if craft.flown.command in _REPORTED_COMMANDS and craft.mission_state == MissionState.ACTIVE:
         fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto mission changed, restarted command")
         fleet.timer(craft, Timer.HOLD)
         craft.flown = None
-        _advance(fleet, craft, craft.current)
+        _advance_nav_command(fleet, craft, craft.current)
 
 
-def _ahead(craft: Craft) -> tuple[object, ...]:
-    """What the navigation item under way and the two behind it say."""
+def _upcoming_commands(craft: Craft) -> tuple[object, ...]:
+    """Return the contents of the navigation command in progress and of the two after it."""
     found: list[object] = []
     seq: int | None = craft.current
-    for _ in range(_LOOK_AHEAD):
+    for _ in range(_CHANGE_DETECT_COMMANDS):
         seq = None if seq is None else next_navigation(craft, seq)
         if seq is None:
             break
@@ -142,66 +142,66 @@ def _ahead(craft: Craft) -> tuple[object, ...]:
 
 
 def on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
-    """The loop reports an arrival, a climb done or a landing while AUTO flies an item."""
+    """Process an event of the loop (arrival, end of a climb, landing) while AUTO flies a command."""
     slot = craft.flown
     if slot is not None and flown_items.on_flag(fleet, craft, slot, flag):
-        _reached(fleet, craft, slot)
+        _complete_command(fleet, craft, slot)
 
 
 def waited(fleet: Fleet, craft: Craft) -> None:
-    """A wait is over: at a waypoint, above home, or for another look."""
+    """Process the end of a wait: at a waypoint, above home, or before another check."""
     slot = craft.flown
     if slot is not None and flown_items.waited(fleet, craft, slot):
-        _reached(fleet, craft, slot)
+        _complete_command(fleet, craft, slot)
 
 
 def settled(fleet: Fleet, craft: Craft) -> None:
-    """It stands on the ground with idle motors: the landing item ends the mission unless a take-off follows."""
+    """Process a landing with idle motors: it ends the mission unless a take-off follows."""
     slot = craft.flown
     if slot is None:
         return
     following = next_navigation(craft, craft.current + 1)
-    if slot.command == RTL or (following is not None and craft.mission[following].command in _AFTER_LANDING):
-        _reached(fleet, craft, slot)
+    if slot.command == RTL or (following is not None and craft.mission[following].command in _GROUND_COMMANDS):
+        _complete_command(fleet, craft, slot)
     else:
         disarm(fleet, craft, "landed", slot.causes)
 
 
-def _reached(fleet: Fleet, craft: Craft, slot: Slot) -> None:
-    """Say that the current item is done, and start the next."""
+def _complete_command(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+    """Report that the current command is complete, and start the next."""
     seq = craft.current
-    again = craft.reached.get(seq, -_AGAIN_NS) + _AGAIN_NS
+    again = craft.reached.get(seq, -_MIN_REPEAT_NS) + _MIN_REPEAT_NS
     if fleet.now < again:
         fleet.timer(craft, Timer.HOLD, again)
         return
     craft.reached[seq] = fleet.now
-    _tell(fleet, craft)
-    if slot.command != TO_ALT:  # verify_command returns before it says so
+    _report_reached(fleet, craft)
+    if slot.command != TO_ALT:  # verify_command returns before it reports this
         craft.untold = seq
-    if slot.command in _TOLD:
+    if slot.command in _REPORTED_COMMANDS:
         fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Reached command #{seq}")
     fleet.note("event.item_reached", craft, {"seq": seq, "command": slot.command}, slot.causes)
     craft.flown = None
     craft.stage = Stage.NONE
-    _advance(fleet, craft, seq + 1)
-    _tell(fleet, craft)
+    _advance_nav_command(fleet, craft, seq + 1)
+    _report_reached(fleet, craft)
 
 
-def _tell(fleet: Fleet, craft: Craft) -> None:
-    """Report what was reached, unless a DO item done in the same turn took its place.
+def _report_reached(fleet: Fleet, craft: Craft) -> None:
+    """Send MISSION_ITEM_REACHED, unless a DO command completed in the same pass has replaced the number.
 
     ArduPilot keeps one number until it is sent (`GCS::send_mission_item_reached_message`), and `AP_Mission::update`
-    finishes the first DO item behind a navigation item in the turn that ends that.
+    completes the first DO command after a navigation command in the pass that completes the latter.
     """
     if craft.untold:
         fleet.send(craft, dialect.MAVLink_mission_item_reached_message(craft.untold))
         craft.untold = 0
 
 
-def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
-    """Find the next navigation item and start it, with the DO items before it; else the mission is complete.
+def _advance_nav_command(fleet: Fleet, craft: Craft, seq: int) -> None:
+    """Find the next navigation command and start it, with the DO commands before it; else complete the mission.
 
-    The first DO item acts before the navigation item starts, the others after, as advance_current_nav_cmd has it.
+    The first DO command runs before the navigation command starts, the others after, as in advance_current_nav_cmd.
     """
     do_items.drop(fleet, craft)
     first = jumps = 0
@@ -209,7 +209,7 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
     def jumped(jump: int, made: int, times: int) -> None:
         nonlocal jumps
         jumps += 1
-        if jumps <= _TEXTS:
+        if jumps <= _MAX_JUMP_TEXTS:
             most = "unlimited" if times < 0 else str(times)
             fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
 
@@ -222,13 +222,13 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
         if slot.command in NAVIGATION:
             craft.current = place
             craft.flown = slot
-            craft.ahead = _ahead(craft)
+            craft.ahead = _upcoming_commands(craft)
             fleet.timer(craft, Timer.HOLD)
             do_items.announce(fleet, craft, place)
-            if not _begin(fleet, craft, slot):
-                _reached(fleet, craft, slot)
+            if not _start_nav_command(fleet, craft, slot):
+                _complete_command(fleet, craft, slot)
             elif first and craft.flown is slot:
-                _go_on(fleet, craft, first)
+                _run_do_commands(fleet, craft, first)
             auto_rtl.look(fleet, craft)
             return
         if not first:
@@ -236,21 +236,21 @@ def _advance(fleet: Fleet, craft: Craft, seq: int) -> None:
             if slot.command not in CONDITIONS:
                 do_items.start(fleet, craft, place)
         seq = place + 1
-    _complete(fleet, craft)
+    _exit_mission(fleet, craft)
 
 
-def _go_on(fleet: Fleet, craft: Craft, first: int) -> None:
-    """The DO items from the first on, which has acted already unless it is a condition."""
+def _run_do_commands(fleet: Fleet, craft: Craft, first: int) -> None:
+    """Run the DO commands from the first on, which has already run unless it is a condition."""
     if craft.mission[first].command in CONDITIONS:
         do_items.run(fleet, craft, first)
     else:
         do_items.done(fleet, craft, first)
-        _tell(fleet, craft)
+        _report_reached(fleet, craft)
         do_items.run(fleet, craft, first + 1)
 
 
-def _begin(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
-    """Start a navigation item, with a look at the two behind it; `False` where it is over at once."""
+def _start_nav_command(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
+    """Start a navigation command, given the two that follow it; `False` where it is complete at once."""
     if slot.command in (LAND, TAKEOFF):
         craft.in_landing = slot.command == LAND
     following = next_navigation(craft, craft.current + 1)
@@ -262,14 +262,14 @@ def _begin(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
 
 
 def go_on(fleet: Fleet, craft: Craft) -> None:
-    """The end of a pause: on to the item under way, along a leg from where it came to rest (ModeAuto::resume)."""
+    """End a pause: continue to the current command along a leg from the point of rest (ModeAuto::resume)."""
     if craft.paused and craft.flown is not None:
         craft.paused = False
-        _begin(fleet, craft, craft.flown)
+        _start_nav_command(fleet, craft, craft.flown)
 
 
-def _complete(fleet: Fleet, craft: Craft) -> None:
-    """No item is left: hold in the air, disarm on the ground (ModeAuto::exit_mission)."""
+def _exit_mission(fleet: Fleet, craft: Craft) -> None:
+    """End the mission when no command is left: hold in the air, disarm on the ground (ModeAuto::exit_mission)."""
     craft.mission_state = MissionState.COMPLETE
     craft.in_landing = craft.paused = False
     craft.flown = None

@@ -1,4 +1,4 @@
-"""What do old ground stations mean by mission items? MISSION_ITEM in degrees, MISSION_REQUEST, items that are orders.
+"""Deprecated messages of the mission protocol: MISSION_ITEM in degrees, MISSION_REQUEST, and items executed at once.
 
 After libraries/GCS_MAVLink/GCS_Common.cpp `handle_mission_item`, MissionItemProtocol.cpp, AP_Mission.cpp
 `convert_MISSION_ITEM_to_MISSION_ITEM_INT` and ArduCopter/mode_auto.cpp `do_guided`.
@@ -17,13 +17,13 @@ from skyrange.vehicle.builtin.modes import Mode
 
 _GUIDED, _ALTITUDE = 2, 3
 MARKS: Final = (_GUIDED, _ALTITUDE)
-"""`current` of an item that is no item but an order: to fly there in GUIDED, or to change height."""
+"""Values of `current` that make an item a command: to fly there in GUIDED, or to change height."""
 WARNINGS: Final = {
     dialect.MAVLINK_MSG_ID_MISSION_ITEM: "got MISSION_ITEM; GCS should send MISSION_ITEM_INT",
     dialect.MAVLINK_MSG_ID_MISSION_REQUEST: "got MISSION_REQUEST; use MISSION_REQUEST_INT!",
 }
-"""What is said about old messages, once in an upload."""
-_PLACED: Final = LOCATED | {
+"""Texts sent about deprecated messages, once per upload."""
+_LOCATION_COMMANDS: Final = LOCATED | {
     dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
     dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
     dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
@@ -31,13 +31,13 @@ _PLACED: Final = LOCATED | {
     dialect.MAV_CMD_NAV_FENCE_RETURN_POINT,
     dialect.MAV_CMD_NAV_RALLY_POINT,
 }
-"""Items whose x and y are degrees (`cmd_has_location`)."""
+"""Commands whose x and y are degrees (`cmd_has_location`)."""
 _LAT_MAX_DEG, _LON_MAX_DEG = 90.0, 180.0
 
 
 def bad_place(message: Any) -> int | None:
-    """The MAV_MISSION_RESULT of a MISSION_ITEM whose degrees are none; `None` where they are."""
-    if message.command not in _PLACED:
+    """Return the MAV_MISSION_RESULT of a MISSION_ITEM whose degrees are invalid, else `None`."""
+    if message.command not in _LOCATION_COMMANDS:
         return None
     if not abs(message.x) <= _LAT_MAX_DEG:
         return int(dialect.MAV_MISSION_INVALID_PARAM5_X)
@@ -47,7 +47,7 @@ def bad_place(message: Any) -> int | None:
 
 
 def warn(fleet: Fleet, craft: Craft, message: Any, kind: int) -> None:
-    """Tell the ground station to use the newer message."""
+    """Ask the ground station to use the newer message."""
     number = message.get_msgId()
     if (kind, number) not in craft.warned:
         craft.warned.add((kind, number))
@@ -55,7 +55,10 @@ def warn(fleet: Fleet, craft: Craft, message: Any, kind: int) -> None:
 
 
 def obey(fleet: Fleet, craft: Craft, message: Any, causes: Causes) -> int:
-    """Do what an item with one of the `MARKS` orders; the MAV_MISSION_RESULT. Heights are taken and nothing done."""
+    """Execute an item with one of the `IMMEDIATE_CURRENT` values and return the MAV_MISSION_RESULT.
+
+    A change of height is accepted and has no effect.
+    """
     result, slot = slot_of(message, causes)
     if slot is None or message.current == _ALTITUDE:
         return result

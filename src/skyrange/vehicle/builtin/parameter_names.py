@@ -1,8 +1,8 @@
-"""What is a parameter called in other versions of ArduCopter? Names of 4.7 and the factor between their units.
+"""Parameter names of ArduCopter 4.7, the 4.6 names that they replace, and the factors between their units.
 
 ArduCopter 4.7 renamed what was in centimetres, centidegrees and the like to metres and degrees, and moved the MAVLink
 parameters together (https://ardupilot.org/copter/docs/common-param-name-changes.html, "ArduPilot 4.6 → 4.7"; 4.7.1
-moved the two jerks once more). Both names mean one parameter here, wherever a parameter is named.
+moved the two jerks once more). Wherever a parameter is named, both names mean the same parameter.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from typing import Final
 
 _CENTI: Final = 100.0
 _INVERSE: Final = 0.0
-"""In the place of a factor: the mask of checks to skip, where 4.6 has the mask of checks to make."""
+"""In place of a factor: the mask of checks to skip, where 4.6 has the mask of checks to run."""
 _CHECKS: Final = ((1 << 21) - 1) & ~1
-"""ARMING_CHECK's bits but the first, which stands for all of them."""
+"""ARMING_CHECK's bits except the first, which stands for all of them."""
 
 
 def _renamed() -> dict[str, tuple[str, float]]:
-    """4.7's name → (4.6's name, what a 4.7 value is multiplied with)."""
+    """Return the table of 4.7 names: (4.6 name, factor from a 4.7 value to a 4.6 value)."""
     table: dict[str, tuple[str, float]] = {
         "MAV_SYSID": ("SYSID_THISMAV", 1.0),
         "MAV_GCS_SYSID": ("SYSID_MYGCS", 1.0),
@@ -67,7 +67,7 @@ def _renamed() -> dict[str, tuple[str, float]]:
         factor = _CENTI if part == "IMAX" else 1.0
         table[f"PSC_NE_VEL_{part}"] = (f"PSC_VELXY_{part}", factor)
         table[f"PSC_D_VEL_{part}"] = (f"PSC_VELZ_{part}", factor)
-    # thrust of 1 per m/s², was thrust of 1/1000 per cm/s²: ten times; its limit was in 1/1000
+    # thrust 1 per m/s² instead of 1/1000 per cm/s²: a factor of ten; the limit was in 1/1000
     for part, factor in (("P", 10.0), ("I", 10.0), ("D", 10.0), ("FF", 10.0), ("IMAX", 1000.0), ("FLTE", 1.0)):
         table[f"PSC_D_ACC_{part}"] = (f"PSC_ACCZ_{part}", factor)
     for channel in range(4):
@@ -80,23 +80,23 @@ _STREAMS: Final = (
     "RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "PARAMS", "ADSB",
 )  # fmt: skip
 RENAMED: Final = _renamed()
-"""4.7's name → (4.6's name, factor from a 4.7 value to a 4.6 value, or `_INVERSE`)."""
+"""4.7 name → (4.6 name, factor from a 4.7 value to a 4.6 value, or `_INVERSE`)."""
 
 
 def nominal(name: str) -> str:
-    """4.6's name of a parameter; a name of 4.6 and an unknown one stay. Case does not matter (AP_Param::find)."""
+    """Return the 4.6 name of a parameter; 4.6 names and unknown ones are kept. Case is ignored (AP_Param::find)."""
     upper = name.upper()
     return RENAMED[upper][0] if upper in RENAMED else upper
 
 
 def to_nominal(name: str, value: float) -> float:
-    """A finite value under `name`, in 4.6's unit."""
+    """Convert a finite value of `name` to the 4.6 unit."""
     factor = RENAMED.get(name.upper(), ("", 1.0))[1]
     return value * factor if factor != _INVERSE else _inverted(value)
 
 
 def from_nominal(name: str, value: float) -> float:
-    """A value in 4.6's unit, in the unit of `name`."""
+    """Convert a value in the 4.6 unit to the unit of `name`."""
     factor = RENAMED.get(name.upper(), ("", 1.0))[1]
     if factor == _INVERSE:
         return -1.0 if value == 0.0 else 0.0 if int(value) & 1 else float(~int(value) & _CHECKS)
@@ -104,7 +104,7 @@ def from_nominal(name: str, value: float) -> float:
 
 
 def _inverted(skipped: float) -> float:
-    """ARMING_CHECK of an ARMING_SKIPCHK: all checks (1) where nothing is skipped, none where everything is (-1)."""
+    """Return ARMING_CHECK of an ARMING_SKIPCHK: all checks (1) where nothing is skipped, none where all are (-1)."""
     if skipped == 0.0:
         return 1.0
     return 0.0 if skipped < 0.0 or skipped >= 2**31 else float(~int(skipped) & _CHECKS)

@@ -1,4 +1,4 @@
-"""Which point does a message or a mission item name? From latitude, longitude, altitude and frame to ENU metres.
+"""Locations: from latitude, longitude, altitude and frame of messages and mission items to ENU metres.
 
 After Location (libraries/AP_Common/Location.cpp) and `mavlink_coordinate_frame_to_location_alt_frame`. The ground is
 flat: altitude above terrain is height above the origin's plane.
@@ -22,19 +22,19 @@ Vector = tuple[float, float, float]
 
 
 def array(place: Vector) -> NDArray[Any]:
-    """A point as the kernels take it."""
+    """Return a point as an array, for compiled functions."""
     return np.array(place)
 
 
 def datum_m(fleet: Fleet, craft: Craft, frame: int) -> float:
-    """What to add to an altitude in a frame to get height above the origin, m."""
+    """Return what to add to an altitude in a frame to get the height above the origin, m."""
     if frame in RELATIVE_FRAMES:
         return craft.home[2]
     return 0.0 if frame in TERRAIN_FRAMES else -fleet.origin.alt_msl_m
 
 
 def enu(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> Vector | None:
-    """The point in ENU metres; `None` for an unknown frame or no place on Earth."""
+    """Return the point in ENU metres; `None` for an unknown frame or an invalid latitude or longitude."""
     lat, lon = lat_e7 * 1e-7, lon_e7 * 1e-7
     if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0):
         return None

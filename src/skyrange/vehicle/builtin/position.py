@@ -1,6 +1,6 @@
-"""Does the autopilot trust its position? ArduCopter/system.cpp `position_ok`, `ekf_alt_ok`.
+"""Validity of position and altitude: ArduCopter/system.cpp `position_ok`, `ekf_alt_ok`.
 
-By the estimator's flags (EKF_STATUS_FLAGS, `ESTIMATE.status`) and the estimator failsafe.
+From the estimator's flags (EKF_STATUS_FLAGS, `ESTIMATE.status`) and the EKF failsafe.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _HEIGHT = dialect.EKF_POS_VERT_ABS | dialect.EKF_VELOCITY_VERT
 
 
 def known(fleet: Fleet, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of some rows have a horizontal position to fly by.
+    """Return which of `rows` have a valid horizontal position.
 
-    Absolute, or while dead reckoning (no longer than FS_DR_TIMEOUT) relative. Disarmed, one that the estimator
-    expects to have does. None while the estimator failsafe is on, none that is not finite.
+    An absolute one, or while dead reckoning (no longer than FS_DR_TIMEOUT) a relative one. While disarmed, a predicted
+    one suffices. None while the EKF failsafe is active, and none that is not finite.
     """
     status = fleet.estimate["status"][rows]
     watch = fleet.watch
@@ -42,15 +42,15 @@ def known(fleet: Fleet, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def height_known(fleet: Fleet, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which of some rows know height and climb rate."""
+    """Return which of `rows` have a valid height and climb rate."""
     return np.asarray(fleet.estimate["status"][rows] & _HEIGHT == _HEIGHT)
 
 
 def ok(fleet: Fleet, craft: Craft) -> bool:
-    """`known` for one craft."""
+    """`has_position` for one aircraft."""
     return bool(known(fleet, np.array([craft.row]))[0])
 
 
 def height_ok(fleet: Fleet, craft: Craft) -> bool:
-    """`height_known` for one craft."""
+    """`has_altitude` for one aircraft."""
     return bool(height_known(fleet, np.array([craft.row]))[0])

@@ -1,9 +1,9 @@
-"""What must be so before the motors may be armed? A table of checks, for one that asks and for all once a second.
+"""Pre-arm checks: one table, run for an aircraft that is to be armed and for all disarmed ones once a second.
 
 After libraries/AP_Arming/AP_Arming.cpp (`update`, `pre_arm_checks`, `check_failed`) and ArduCopter/AP_Arming_Copter.cpp
-(`run_pre_arm_checks`, `mandatory_checks`). There is no radio, logger, airspeed sensor or safety switch here to check.
-Each entry of `CHECKS` is one ArduPilot check: it stops at its first reason, and all entries are run. A further check
-is a further entry.
+(`run_pre_arm_checks`, `mandatory_checks`). There is no radio, logger, airspeed sensor or safety switch to check here.
+Each entry of `CHECKS` is one ArduPilot check: it reports its first failure only, and all entries are run. A new check
+is a new entry.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import battery, fence, mode_traits, position, rally, remote_id
+from skyrange.vehicle.builtin import battery, fence, position, rally, remote_id
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
-from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, NEEDS_POSITION, Mode
 
 Mask = NDArray[np.bool_]
 Words = str | Callable[[Craft], str]
 Reason = tuple[Mask, Words]
-"""Which rows fail, and what is said: a text, or a function of the craft that makes one."""
+"""Which rows fail, and the text: a string, or a function of the aircraft that makes one."""
 
-_TELL_NS = 30 * NS_PER_S  # PREARM_DISPLAY_PERIOD
-_TELL_SOON_NS = 4 * NS_PER_S
-_QUIET = 1  # ARMING_OPTIONS bit 0: DISABLE_PREARM_DISPLAY
+_DISPLAY_PERIOD_NS = 30 * NS_PER_S  # PREARM_DISPLAY_PERIOD
+_URGENT_PERIOD_NS = 4 * NS_PER_S
+_DISABLE_DISPLAY = 1  # ARMING_OPTIONS bit 0: DISABLE_PREARM_DISPLAY
 _FIX_3D = 3
 _GNSS_LOST_S = 4.0  # AP_GPS.h GPS_TIMEOUT_MS
-_GNSS_APART_M = 10.0  # AP_ARMING_AHRS_GPS_ERROR_MAX
-_BARO_APART_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
+_MAX_GPS_AHRS_ERROR_M = 10.0  # AP_ARMING_AHRS_GPS_ERROR_MAX
+_MAX_ALT_DISPARITY_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
 _FIELD_MIN_MGAUSS, _FIELD_MAX_MGAUSS = 185, 875  # AP_ARMING_COMPASS_MAGFIELD_MIN, …_MAX
-_BY_BARO = int(dialect.EKF_PRED_POS_HORIZ_ABS)
-_BY_OTHER = int(dialect.EKF_PRED_POS_HORIZ_REL)
-_LEVEL_KINDS = int(fence.Kind.CIRCLE | fence.Kind.POLYGON)
+_PRED_POS_ABS = int(dialect.EKF_PRED_POS_HORIZ_ABS)
+_PRED_POS_REL = int(dialect.EKF_PRED_POS_HORIZ_REL)
+_HORIZONTAL_TYPES = int(fence.Kind.CIRCLE | fence.Kind.POLYGON)
 
 
 class Bit(IntFlag):
-    """ARMING_CHECK's bits, as far as there is something to check."""
+    """ARMING_CHECK's bits that have a check here."""
 
     ALL = 1 << 0
     BARO = 1 << 1
@@ -54,78 +54,78 @@ class Bit(IntFlag):
 
 
 class View(NamedTuple):
-    """Some rows, and what checks want to know of them."""
+    """Some rows and the inputs of the checks."""
 
     rows: NDArray[np.int64]
     bits: NDArray[np.int64]
     """ARMING_CHECK."""
-    by_position: Mask
-    """The mode needs a position."""
-    by_hand: Mask
-    """The mode leaves the throttle to a pilot."""
+    requires_position: Mask
+    """The mode requires a position."""
+    manual_throttle: Mask
+    """The mode has manual throttle."""
     needs_mission: Mask
-    located: Mask
-    """There is a position to fly by."""
-    fenced: Mask
-    """A fence is in force that needs a position."""
+    has_position: Mask
+    """There is a valid position."""
+    fence_requires_position: Mask
+    """A fence that requires a position is in force."""
 
-    def asked(self, bit: Bit) -> Mask:
+    def check_enabled(self, bit: Bit) -> Mask:
         """Where ARMING_CHECK has a bit, or all."""
         return np.asarray(self.bits & (Bit.ALL | bit) != 0)
 
 
 def view(fleet: Fleet, rows: NDArray[np.int64]) -> View:
-    """Look at some rows."""
+    """Gather the inputs of the checks for some rows."""
     modes = fleet.modes[rows].tolist()
     kinds = fleet.boundary["enabled"][rows] & fleet.settings["FENCE_TYPE"][rows].astype(np.int64)
     kinds = np.where(fleet.zones["count"][rows] > 0, kinds, kinds & ~int(fence.Kind.POLYGON))
     return View(
         rows,
         fleet.settings["ARMING_CHECK"][rows].astype(np.int64),
-        np.array([mode in mode_traits.NEEDS_POSITION for mode in modes], dtype=bool),
-        np.array([mode in mode_traits.MANUAL_THROTTLE for mode in modes], dtype=bool),
+        np.array([mode in NEEDS_POSITION for mode in modes], dtype=bool),
+        np.array([mode in MANUAL_THROTTLE for mode in modes], dtype=bool),
         np.array([mode == Mode.AUTO for mode in modes], dtype=bool),
         position.known(fleet, rows),
-        kinds & _LEVEL_KINDS != 0,
+        kinds & _HORIZONTAL_TYPES != 0,
     )
 
 
-def _station(fleet: Fleet, seen: View) -> list[Reason]:
-    return [(fleet.watch["station_lost"][seen.rows] != 0, "GCS failsafe on")]
+def _gcs_failsafe_check(fleet: Fleet, inputs: View) -> list[Reason]:
+    return [(fleet.watch["station_lost"][inputs.rows] != 0, "GCS failsafe on")]
 
 
-def _height(fleet: Fleet, seen: View) -> list[Reason]:
-    return [(~seen.by_hand & ~position.height_known(fleet, seen.rows), "Need Alt Estimate")]
+def _alt_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    return [(~inputs.manual_throttle & ~position.height_known(fleet, inputs.rows), "Need Alt Estimate")]
 
 
-def _baro(fleet: Fleet, seen: View) -> list[Reason]:
-    estimate, rows = fleet.estimate, seen.rows
+def _barometer_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    estimate, rows = fleet.estimate, inputs.rows
     status = estimate["status"][rows]
-    by_baro = (status & _BY_OTHER == 0) & (status & _BY_BARO != 0)
-    apart = np.abs(estimate["pos"][rows, 2] - estimate["baro_up"][rows]) > _BARO_APART_M
-    return [(seen.asked(Bit.BARO) & by_baro & apart, "Altitude disparity")]
+    by_baro = (status & _PRED_POS_REL == 0) & (status & _PRED_POS_ABS != 0)
+    apart = np.abs(estimate["pos"][rows, 2] - estimate["baro_up"][rows]) > _MAX_ALT_DISPARITY_M
+    return [(inputs.check_enabled(Bit.BARO) & by_baro & apart, "Altitude disparity")]
 
 
-def _inertial(fleet: Fleet, seen: View) -> list[Reason]:
-    bad = fleet.estimate["status"][seen.rows] & position.ATTITUDE == 0
-    return [(seen.asked(Bit.INS) & bad, "EKF attitude is bad")]
+def _ins_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    bad = fleet.estimate["status"][inputs.rows] & position.ATTITUDE == 0
+    return [(inputs.check_enabled(Bit.INS) & bad, "EKF attitude is bad")]
 
 
-def _compass(fleet: Fleet, seen: View) -> list[Reason]:
-    field = 1000.0 * np.sqrt((fleet.estimate["compass"][seen.rows] ** 2).sum(axis=1))
+def _compass_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    field = 1000.0 * np.sqrt((fleet.estimate["compass"][inputs.rows] ** 2).sum(axis=1))
     odd = (field > _FIELD_MAX_MGAUSS) | (field < _FIELD_MIN_MGAUSS)
 
     def words(craft: Craft) -> str:
         mgauss = 1000.0 * float(np.sqrt((fleet.estimate["compass"][craft.row] ** 2).sum()))
         return f"Check mag field: {mgauss:4.0f}, max {_FIELD_MAX_MGAUSS}, min {_FIELD_MIN_MGAUSS}"
 
-    return [(seen.asked(Bit.COMPASS) & odd, words)]
+    return [(inputs.check_enabled(Bit.COMPASS) & odd, words)]
 
 
-def _place(fleet: Fleet, seen: View) -> list[Reason]:
-    """`gps_checks`: the receiver, where a position is needed; then the estimate (`mandatory_gps_checks`)."""
-    estimate, rows = fleet.estimate, seen.rows
-    asked = seen.asked(Bit.GPS) & (seen.by_position | seen.fenced)
+def _gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    """`gps_checks`: the receiver, where a position is required; then the estimate (`mandatory_gps_checks`)."""
+    estimate, rows = fleet.estimate, inputs.rows
+    asked = inputs.check_enabled(Bit.GPS) & (inputs.requires_position | inputs.fence_requires_position)
     lost = (estimate["gnss_fix"][rows] < _FIX_3D) | (estimate["gnss_age_s"][rows] > _GNSS_LOST_S)
     away = estimate["pos"][rows, :2] - estimate["gnss_pos"][rows, :2]
     apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
@@ -138,23 +138,23 @@ def _place(fleet: Fleet, seen: View) -> list[Reason]:
     return [
         (asked & lost, "GPS 1: Bad fix"),
         (asked & (fleet.watch["located"][rows] == 0), "AHRS: waiting for home"),
-        (asked & (apart > _GNSS_APART_M), words),
-        *_estimate(fleet, seen),
+        (asked & (apart > _MAX_GPS_AHRS_ERROR_M), words),
+        *_mandatory_gps_checks(fleet, inputs),
         (asked & rough, "High GPS HDOP"),
     ]
 
 
-def _estimate(fleet: Fleet, seen: View) -> list[Reason]:
-    """`mandatory_gps_checks`: also run for a forced arming."""
-    estimate, rows = fleet.estimate, seen.rows
+def _mandatory_gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    """`mandatory_gps_checks`, also run for forced arming."""
+    estimate, rows = fleet.estimate, inputs.rows
     status = estimate["status"][rows]
     most = fleet.settings["FS_EKF_THRESH"][rows]
-    needed = seen.by_position | seen.fenced
+    needed = inputs.requires_position | inputs.fence_requires_position
     ratios = {"compass": "mag_ratio", "position": "pos_ratio", "velocity": "vel_ratio", "height": "hgt_ratio"}
     return [
         (status & position.UNINITIALIZED != 0, "AHRS: EKF3 still initialising"),
-        (seen.by_position & ~seen.located, "Need Position Estimate"),
-        (seen.fenced & ~seen.located, "Fence enabled, need position estimate"),
+        (inputs.requires_position & ~inputs.has_position, "Need Position Estimate"),
+        (inputs.fence_requires_position & ~inputs.has_position, "Fence enabled, need position estimate"),
         (needed & (status & position.GLITCHING != 0), "GPS glitching"),
         *(
             (needed & (most > 0.0) & (estimate[field][rows] >= most), f"EKF {name} variance")
@@ -163,43 +163,43 @@ def _estimate(fleet: Fleet, seen: View) -> list[Reason]:
     ]
 
 
-def _charge(fleet: Fleet, seen: View) -> list[Reason]:
-    asked = seen.asked(Bit.BATTERY)
-    return [(asked & bad, words) for bad, words in battery.troubles(fleet, seen.rows)]
+def _battery_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    asked = inputs.check_enabled(Bit.BATTERY)
+    return [(asked & bad, words) for bad, words in battery.troubles(fleet, inputs.rows)]
 
 
-def _voltage(fleet: Fleet, seen: View) -> list[Reason]:
-    return [(seen.asked(Bit.VOLTAGE) & (fleet.power["tripped"][seen.rows] != 0), "Battery failsafe")]
+def _battery_failsafe_check(fleet: Fleet, inputs: View) -> list[Reason]:
+    return [(inputs.check_enabled(Bit.VOLTAGE) & (fleet.power["tripped"][inputs.rows] != 0), "Battery failsafe")]
 
 
-_REQUIRED: Final = {
+_REQUIRED_ITEMS: Final = {
     1: (int(dialect.MAV_CMD_NAV_LAND), "land"),
     4: (int(dialect.MAV_CMD_DO_LAND_START), "do land start"),
     8: (int(dialect.MAV_CMD_NAV_TAKEOFF), "takeoff"),
     64: (int(dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH), "RTL"),
 }
-"""ARMING_MIS_ITEMS: bit → command that the mission must have."""
+"""ARMING_MIS_ITEMS: bit → command that the mission must contain."""
 _REQUIRED_RALLY = 32
 
 
-def _mission(fleet: Fleet, seen: View) -> list[Reason]:
-    rows = seen.rows
+def _mission_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    rows = inputs.rows
     wanted = fleet.settings["ARMING_MIS_ITEMS"][rows].astype(np.int64)
     lacks, empty = np.zeros(rows.size, dtype=bool), np.zeros(rows.size, dtype=bool)
     missing: dict[int, str] = {}
-    for place in np.flatnonzero(seen.asked(Bit.MISSION) & (wanted != 0)).tolist():
+    for place in np.flatnonzero(inputs.check_enabled(Bit.MISSION) & (wanted != 0)).tolist():
         row = int(rows[place])
-        missing[row] = _missing(fleet, row, int(wanted[place]))
+        missing[row] = _missing_item(fleet, row, int(wanted[place]))
         lacks[place] = bool(missing[row])
-    for place in np.flatnonzero(seen.needs_mission).tolist():
+    for place in np.flatnonzero(inputs.needs_mission).tolist():
         empty[place] = not fleet.crafts[rows[place]].sees_mission
     return [(lacks, lambda craft: missing[craft.row]), (empty, "Mode requires mission")]
 
 
-def _missing(fleet: Fleet, row: int, bits: int) -> str:
+def _missing_item(fleet: Fleet, row: int, bits: int) -> str:
     craft = fleet.crafts[row]
     commands = {slot.command for slot in craft.mission[1:]}
-    for bit, (command, name) in _REQUIRED.items():
+    for bit, (command, name) in _REQUIRED_ITEMS.items():
         if bits & bit and command not in commands:
             return f"Missing mission item: {name}"
     if bits & _REQUIRED_RALLY and rally.nearest(fleet, craft) is None:
@@ -207,87 +207,93 @@ def _missing(fleet: Fleet, row: int, bits: int) -> str:
     return ""
 
 
-def _fence(fleet: Fleet, seen: View) -> list[Reason]:
-    return list(fence.troubles(fleet, seen.rows, seen.located))
+def _fence_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    return list(fence.troubles(fleet, inputs.rows, inputs.has_position))
 
 
-def _remote_id(fleet: Fleet, seen: View) -> list[Reason]:
-    return list(remote_id.troubles(fleet, seen.rows))
+def _opendroneid_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+    return list(remote_id.troubles(fleet, inputs.rows))
 
 
 CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
-    _station,
-    _height,
-    _baro,
-    _inertial,
-    _compass,
-    _place,
-    _charge,
-    _mission,
-    _voltage,
-    _fence,
-    _remote_id,
+    _gcs_failsafe_check,
+    _alt_checks,
+    _barometer_checks,
+    _ins_checks,
+    _compass_checks,
+    _gps_checks,
+    _battery_checks,
+    _mission_checks,
+    _battery_failsafe_check,
+    _fence_checks,
+    _opendroneid_checks,
 ]
 """In ArduPilot's order."""
 
-MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [_estimate, _height, _remote_id]
-"""What is checked even where ARMING_CHECK is 0 or arming is forced."""
+MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
+    _mandatory_gps_checks,
+    _alt_checks,
+    _opendroneid_checks,
+]
+"""Checks that are run even where ARMING_CHECK is 0 or arming is forced."""
 
 
 def update(fleet: Fleet) -> None:
-    """Once a second: check all that are disarmed; tell those that fail every 30 s, or within 4 s of beginning to."""
+    """Check all disarmed aircraft, once a second; report failures every 30 s, or within 4 s of their beginning."""
     watch, flight = fleet.watch, fleet.flight
     watch["prearm_ok"][flight["armed"] != 0] = 1
     rows = np.flatnonzero(flight["armed"] == 0)
     if not rows.size:
         return
-    seen = view(fleet, rows)
-    every = seen.bits != 0
-    found = _run(fleet, seen, CHECKS, every) + _run(fleet, seen, MANDATORY, ~every)
+    inputs = view(fleet, rows)
+    every = inputs.bits != 0
+    found = _run_selected(fleet, inputs, CHECKS, every) + _run_selected(fleet, inputs, MANDATORY, ~every)
     failing = np.zeros(rows.size, dtype=bool)
     for reasons in found:
         for bad, _ in reasons:
             failing |= bad
     told = fleet.now - watch["prearm_told_ns"][rows]
-    due = (told > _TELL_NS) | ((watch["prearm_urgent"][rows] != 0) & (told > _TELL_SOON_NS))
+    due = (told > _DISPLAY_PERIOD_NS) | ((watch["prearm_urgent"][rows] != 0) & (told > _URGENT_PERIOD_NS))
     watch["prearm_told_ns"][rows[due]] = fleet.now
     watch["prearm_urgent"][rows[due]] = 0
-    quiet = fleet.settings["ARMING_OPTIONS"][rows].astype(np.int64) & _QUIET != 0
+    quiet = fleet.settings["ARMING_OPTIONS"][rows].astype(np.int64) & _DISABLE_DISPLAY != 0
     for place in np.flatnonzero(failing & due & ~quiet).tolist():
-        _tell(fleet, fleet.crafts[rows[place]], place, found, "PreArm", ())
+        _send_failures(fleet, fleet.crafts[rows[place]], place, found, "PreArm", ())
     watch["prearm_urgent"][rows[failing & (watch["prearm_ok"][rows] != 0)]] = 1
     watch["prearm_ok"][rows] = ~failing
 
 
 def report(fleet: Fleet, craft: Craft, causes: Causes) -> None:
-    """Say what stands against arming, if anything does."""
-    seen = view(fleet, np.array([craft.row]))
-    found = _run(fleet, seen, CHECKS if seen.bits[0] else MANDATORY, np.ones(1, dtype=bool))
-    _tell(fleet, craft, 0, found, "PreArm", causes)
+    """Report what prevents arming, if anything does."""
+    inputs = view(fleet, np.array([craft.row]))
+    found = _run_selected(fleet, inputs, CHECKS if inputs.bits[0] else MANDATORY, np.ones(1, dtype=bool))
+    _send_failures(fleet, craft, 0, found, "PreArm", causes)
 
 
 def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
-    """Run the checks for a craft that is to be armed now and say what fails; `forced`, only the mandatory ones."""
-    seen = view(fleet, np.array([craft.row]))
-    few = forced or seen.bits[0] == 0
-    found = _run(fleet, seen, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
+    """Run the checks for an aircraft to be armed now and report failures; if `forced`, only the mandatory ones."""
+    inputs = view(fleet, np.array([craft.row]))
+    few = forced or inputs.bits[0] == 0
+    found = _run_selected(fleet, inputs, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
     failing = any(bad[0] for reasons in found for bad, _ in reasons)
     if failing:
-        _tell(fleet, craft, 0, found, "Arm", causes)
+        _send_failures(fleet, craft, 0, found, "Arm", causes)
     return not failing
 
 
-def _run(
-    fleet: Fleet, seen: View, checks: Sequence[Callable[[Fleet, View], Sequence[Reason]]], where: Mask
+def _run_selected(
+    fleet: Fleet, inputs: View, checks: Sequence[Callable[[Fleet, View], Sequence[Reason]]], where: Mask
 ) -> list[list[Reason]]:
-    """What checks find, as far as `where` allows."""
+    """Return the failures that checks find, restricted to `where`."""
     if not where.any():
         return []
-    return [[(bad & where, words) for bad, words in check(fleet, seen)] for check in checks]
+    return [[(bad & where, words) for bad, words in check(fleet, inputs)] for check in checks]
 
 
-def _tell(fleet: Fleet, craft: Craft, place: int, found: list[list[Reason]], head: str, causes: Causes) -> None:
-    """STATUSTEXT of the first reason of every check that fails."""
+def _send_failures(
+    fleet: Fleet, craft: Craft, place: int, found: list[list[Reason]], head: str, causes: Causes
+) -> None:
+    """Send the first failure of every failing check as STATUSTEXT."""
     for reasons in found:
         words = next((words for bad, words in reasons if bad[place]), None)
         if words is not None:

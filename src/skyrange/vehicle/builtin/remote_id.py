@@ -1,8 +1,9 @@
-"""Is the Remote ID transmitter good to fly with? What it and the ground station say, and the pre-arm check of it.
+"""Pre-arm check of the Remote ID transmitter, and the messages that it and the ground station send.
 
 After libraries/AP_OpenDroneID/AP_OpenDroneID.cpp (`handle_msg`, `pre_arm_check`) and AP_Arming.cpp
-(`opendroneid_checks`): enforced where bit 0 of DID_OPTIONS is set, as 14 CFR 89.310(c)(2) asks. The transmitter tells
-how it is, a ground station who the aircraft is and where its operator is; here the companion tells all of it.
+(`opendroneid_checks`): enforced where bit 0 of DID_OPTIONS is set, as 14 CFR 89.310(c)(2) requires. The transmitter
+reports its status, a ground station the identity of the aircraft and the place of its operator; here the companion
+sends all of them.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
 
 _ENFORCE: Final = 1  # DID_OPTIONS bit 0: EnforceArming
-_AGE_NS: Final[Time] = 3 * NS_PER_S  # max_age_ms
+_MAX_AGE_NS: Final[Time] = 3 * NS_PER_S  # max_age_ms
 _GOOD: Final = int(dialect.MAV_ODID_ARM_STATUS_GOOD_TO_ARM)
 
 
 def on_arm_status(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """OPEN_DRONE_ID_ARM_STATUS: keep the last one."""
+    """OPEN_DRONE_ID_ARM_STATUS: store the status and its error text."""
     fleet.watch["rid_ns"][craft.row] = max(fleet.now, 1)
     fleet.watch["rid_status"][craft.row] = message.status
     error = message.error
@@ -32,39 +33,39 @@ def on_arm_status(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, 
 
 
 def on_basic_id(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """OPEN_DRONE_ID_BASIC_ID: keep the last one's type."""
+    """OPEN_DRONE_ID_BASIC_ID: store its id type."""
     fleet.watch["rid_id_type"][craft.row] = message.id_type
 
 
 def on_system(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """OPEN_DRONE_ID_SYSTEM: keep whether there is an operator location."""
-    _take_place(fleet, craft, message)
+    """OPEN_DRONE_ID_SYSTEM: store whether there is an operator location."""
+    _store_operator_location(fleet, craft, message)
     fleet.watch["rid_system_ns"][craft.row] = max(fleet.now, 1)
 
 
 def on_system_update(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """OPEN_DRONE_ID_SYSTEM_UPDATE: a newer place, and of use only after an OPEN_DRONE_ID_SYSTEM."""
-    _take_place(fleet, craft, message)
+    """OPEN_DRONE_ID_SYSTEM_UPDATE: a newer location, valid only after an OPEN_DRONE_ID_SYSTEM."""
+    _store_operator_location(fleet, craft, message)
     if fleet.watch["rid_system_ns"][craft.row]:
         fleet.watch["rid_system_ns"][craft.row] = max(fleet.now, 1)
 
 
-def _take_place(fleet: Fleet, craft: Craft, message: Any) -> None:
+def _store_operator_location(fleet: Fleet, craft: Craft, message: Any) -> None:
     fleet.watch["rid_operator"][craft.row] = message.operator_latitude != 0 or message.operator_longitude != 0
 
 
 def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.bool_], str | Callable[[Craft], str]]]:
-    """Which of some rows may not be armed, and why."""
+    """Return which of `rows` may not be armed, and why."""
     settings, watch = fleet.settings, fleet.watch
     asked = settings["DID_OPTIONS"][rows].astype(np.int64) & _ENFORCE != 0
     yield asked & (settings["DID_ENABLE"][rows] == 0), "OpenDroneID: DID_ENABLE must be 1"
     yield asked & (watch["rid_id_type"][rows] == 0), "OpenDroneID: UA_TYPE required in BasicID"
     yield asked & (watch["rid_operator"][rows] == 0), "OpenDroneID: operator location must be set"
-    yield asked & _missing(fleet, watch["rid_ns"][rows]), "OpenDroneID: ARM_STATUS not available"
-    yield asked & _missing(fleet, watch["rid_system_ns"][rows]), "OpenDroneID: SYSTEM not available"
+    yield asked & _is_stale(fleet, watch["rid_ns"][rows]), "OpenDroneID: ARM_STATUS not available"
+    yield asked & _is_stale(fleet, watch["rid_system_ns"][rows]), "OpenDroneID: SYSTEM not available"
     yield asked & (watch["rid_status"][rows] != _GOOD), lambda craft: f"OpenDroneID: {craft.rid_error}"
 
 
-def _missing(fleet: Fleet, heard_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    missing: NDArray[np.bool_] = (heard_ns == 0) | (fleet.now - heard_ns > _AGE_NS)
+def _is_stale(fleet: Fleet, heard_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    missing: NDArray[np.bool_] = (heard_ns == 0) | (fleet.now - heard_ns > _MAX_AGE_NS)
     return missing

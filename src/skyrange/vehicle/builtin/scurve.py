@@ -1,4 +1,4 @@
-"""How does a leg's reference move along its straight line? Jerk that rises and falls as a raised cosine.
+"""S-curves: jerk-limited motion along a straight leg, with a jerk that rises and falls as a raised cosine.
 
 The profile is that of libraries/AP_Math/SCurve.cpp (`calculate_path`, `add_segments_jerk`, `set_speed_max`,
 `set_origin_speed_max`, `set_destination_speed_max`): 23 segments, namely a start, seven that accelerate, seven that
@@ -15,8 +15,8 @@ from skyrange.core.compiled import kernel
 
 SEGMENTS = 23
 _ACCEL_MAX, _ACCEL_END, _CHANGE_END, _CONST, _DECEL_END = 4, 7, 14, 15, 22
-_T, _A, _V, _P, _JM = range(5)  # of a segment: when it ends, its acceleration, speed and place then; its peak jerk
-_ROOM = 0.5  # of a leg for speeding up, the other half for slowing down
+_T, _A, _V, _P, _JM = range(5)  # columns of a segment: end time; acceleration, speed and distance then; peak jerk
+_ACCEL_SHARE = 0.5  # share of a leg for acceleration; the other half is for deceleration
 
 
 @kernel
@@ -28,10 +28,10 @@ def _root(value: float) -> float:
 def path_times(
     snap: float, jerk: float, v0: float, accel: float, v1: float, length: float
 ) -> tuple[float, float, float, float, float]:
-    """(peak jerk, rise time, time at the jerk, time at the acceleration, time at the jerk) from `v0` towards `v1`.
+    """Return (peak jerk, rise time, then times at jerk, acceleration and jerk) of a change from `v0` towards `v1`.
 
     `SCurve::calculate_path`: as fast as `snap`, `jerk`, `accel` and half a leg's `length` allow; all zero where
-    there is nothing to gain.
+    there is no speed to gain.
     """
     none = (0.0, 0.0, 0.0, 0.0, 0.0)
     if not (snap > 0.0 and jerk > 0.0 and accel > 0.0 and v1 > 0.0 and length > 0.0) or v0 >= v1:
@@ -51,15 +51,15 @@ def path_times(
             accel = reach
             jerk = accel / tj
         if v1 > v0 + 2.0 * accel * tj and length > 4.0 * v0 * tj + 4.0 * accel * tj * tj:
-            t4 = _hold(v0, accel, v1, length, jerk, tj)
+            t4 = _constant_accel_time(v0, accel, v1, length, jerk, tj)
     else:
         full = accel * accel / jerk
         enough = (accel * full + accel * (2.0 * v0 + 2.0 * accel * tj)) / jerk + 2.0 * v0 * tj + accel * tj * tj
         if v1 < v0 + accel * tj + full or length < enough:
             accel = min(accel, 0.5 * jerk * (_root((4.0 * (v1 - v0) + jerk * tj * tj) / jerk) - tj))
-            accel = min(accel, _peak_in(v0, length, jerk, tj))
+            accel = min(accel, _peak_accel(v0, length, jerk, tj))
         else:
-            t4 = _hold(v0, accel, v1, length, jerk, tj)
+            t4 = _constant_accel_time(v0, accel, v1, length, jerk, tj)
         t2 = accel / jerk - tj
     if not (math.isfinite(t2 + t4 + tj) and jerk >= 0.0 and tj >= 0.0 and t2 >= -1e-9 and t4 >= 0.0):
         return none
@@ -67,8 +67,8 @@ def path_times(
 
 
 @kernel
-def _hold(v0: float, accel: float, v1: float, length: float, jerk: float, tj: float) -> float:
-    """How long the acceleration is held: until the speed, or until half the leg is used (`calculate_path`)."""
+def _constant_accel_time(v0: float, accel: float, v1: float, length: float, jerk: float, tj: float) -> float:
+    """Return how long the acceleration is held: until the speed or half the leg is reached (`calculate_path`)."""
     a2 = accel * accel
     j2 = jerk * jerk
     inside = (
@@ -81,11 +81,11 @@ def _hold(v0: float, accel: float, v1: float, length: float, jerk: float, tj: fl
 
 
 @kernel
-def _peak_in(v0: float, length: float, jerk: float, tj: float) -> float:
-    """The acceleration whose rise and fall, without holding it, uses the whole of `length`.
+def _peak_accel(v0: float, length: float, jerk: float, tj: float) -> float:
+    """Return the acceleration whose rise and fall, without holding it, takes the whole of `length`.
 
-    The root that `calculate_path` writes out by Cardano: length = a³/j² + 2·a·v0/j + 2·a²·tj/j + 2·v0·tj + a·tj²,
-    rising in a; found by bisection, which needs no care about signs.
+    `calculate_path` writes this root out by Cardano: length = a³/j² + 2·a·v0/j + 2·a²·tj/j + 2·v0·tj + a·tj², rising
+    in a. Here it is found by bisection, which needs no distinction of signs.
     """
     low = 0.0
     high = 1e3
@@ -100,7 +100,7 @@ def _peak_in(v0: float, length: float, jerk: float, tj: float) -> float:
 
 
 @kernel
-def _set(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> None:
+def _set_segment(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> None:
     c.seg[i, _T] = t
     c.seg[i, _JM] = jm
     c.seg[i, _A] = a
@@ -109,35 +109,35 @@ def _set(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> N
 
 
 @kernel
-def _level(c: Any, i: int, seconds: float, jm: float) -> None:
-    """A segment of constant jerk after segment i - 1."""
+def _add_segment_const_jerk(c: Any, i: int, seconds: float, jm: float) -> None:
+    """Append a segment of constant jerk after segment i - 1."""
     k = i - 1
     t = seconds if seconds > 0.0 else 0.0
     a = c.seg[k, _A]
     v = c.seg[k, _V]
-    _set(
+    _set_segment(
         c, i, c.seg[k, _T] + t, jm, a + jm * t, v + a * t + 0.5 * jm * t * t,
         c.seg[k, _P] + v * t + 0.5 * a * t * t + jm * t * t * t / 6.0,
     )  # fmt: skip
 
 
 @kernel
-def _ramp(tj: float, jm: float) -> tuple[float, float, float]:
-    """What a jerk that rises to `jm` as a raised cosine adds in acceleration, speed and distance, begun at rest."""
+def _raised_cosine(tj: float, jm: float) -> tuple[float, float, float]:
+    """Return what a jerk that rises to `jm` as a raised cosine adds in acceleration, speed and distance, from rest."""
     half = 0.5 * jm
     per = tj / math.pi
     return half * tj, half * (0.5 * tj * tj - 2.0 * per * per), half * (tj * tj * tj / 6.0 - per * per * tj)
 
 
 @kernel
-def _rise(c: Any, i: int, tj: float, jm: float) -> None:
-    """A segment in which the jerk rises from 0 to `jm` as a raised cosine."""
+def _add_segment_incr_jerk(c: Any, i: int, tj: float, jm: float) -> None:
+    """Append a segment in which the jerk rises from 0 to `jm` as a raised cosine."""
     k = i - 1
     if not tj > 0.0:
-        _level(c, i, 0.0, 0.0)
+        _add_segment_const_jerk(c, i, 0.0, 0.0)
         return
-    a, v, p = _ramp(tj, jm)
-    _set(
+    a, v, p = _raised_cosine(tj, jm)
+    _set_segment(
         c, i, c.seg[k, _T] + tj, jm, c.seg[k, _A] + a,
         c.seg[k, _V] + c.seg[k, _A] * tj + v,
         c.seg[k, _P] + c.seg[k, _V] * tj + 0.5 * c.seg[k, _A] * tj * tj + p,
@@ -145,58 +145,58 @@ def _rise(c: Any, i: int, tj: float, jm: float) -> None:
 
 
 @kernel
-def _fall(c: Any, i: int, tj: float, jm: float) -> None:
-    """A segment in which the jerk falls from `jm` to 0: `_rise` run backwards."""
+def _add_segment_decr_jerk(c: Any, i: int, tj: float, jm: float) -> None:
+    """Append a segment in which the jerk falls from `jm` to 0: the reverse of `_add_segment_incr_jerk`."""
     k = i - 1
     if not tj > 0.0:
-        _level(c, i, 0.0, 0.0)
+        _add_segment_const_jerk(c, i, 0.0, 0.0)
         return
     half = 0.5 * jm
     per = tj / math.pi
-    a, v, p = _ramp(tj, jm)
+    a, v, p = _raised_cosine(tj, jm)
     a0 = c.seg[k, _A] - a
     v0 = c.seg[k, _V] - v
     p0 = c.seg[k, _P] - p
-    _set(
+    _set_segment(
         c, i, c.seg[k, _T] + tj, jm, a0 + jm * tj, v0 + a0 * tj + jm * tj * tj,
         p0 + v0 * tj + 0.5 * a0 * tj * tj + half * (4.0 / 3.0 * tj * tj * tj - 2.0 * per * per * tj),
     )  # fmt: skip
 
 
 @kernel
-def _seven(c: Any, i: int, jm: float, tj: float, t_a: float, t4: float, t_b: float) -> None:
-    """Seven segments from i on that change the speed: up for positive `jm`, down for negative."""
-    _rise(c, i, tj, jm)
-    _level(c, i + 1, t_a, jm if tj > 0.0 else 0.0)
-    _fall(c, i + 2, tj, jm)
-    _level(c, i + 3, t4, 0.0)
-    _rise(c, i + 4, tj, -jm)
-    _level(c, i + 5, t_b, -jm if tj > 0.0 else 0.0)
-    _fall(c, i + 6, tj, -jm)
+def _add_segments_jerk(c: Any, i: int, jm: float, tj: float, t_a: float, t4: float, t_b: float) -> None:
+    """Append seven segments from i on that change the speed: up for positive `jm`, down for negative."""
+    _add_segment_incr_jerk(c, i, tj, jm)
+    _add_segment_const_jerk(c, i + 1, t_a, jm if tj > 0.0 else 0.0)
+    _add_segment_decr_jerk(c, i + 2, tj, jm)
+    _add_segment_const_jerk(c, i + 3, t4, 0.0)
+    _add_segment_incr_jerk(c, i + 4, tj, -jm)
+    _add_segment_const_jerk(c, i + 5, t_b, -jm if tj > 0.0 else 0.0)
+    _add_segment_decr_jerk(c, i + 6, tj, -jm)
 
 
 @kernel
-def _empty(c: Any, first: int, last: int) -> None:
-    """Segments that take no time, standing where the one before `first` ends."""
+def _fill_empty_segments(c: Any, first: int, last: int) -> None:
+    """Fill segments with zero duration, at the state in which the one before `first` ends."""
     for i in range(first, last + 1):
-        _set(c, i, c.seg[first - 1, _T], 0.0, 0.0, c.seg[first - 1, _V], c.seg[first - 1, _P])
+        _set_segment(c, i, c.seg[first - 1, _T], 0.0, 0.0, c.seg[first - 1, _V], c.seg[first - 1, _P])
 
 
 @kernel
-def _slow_down(c: Any, v_end: float, room: float) -> None:
-    """The constant segment and the seven after it, so that the leg ends at its length with at most `v_end`."""
-    _level(c, _CONST, 0.0, 0.0)
+def _add_deceleration(c: Any, v_end: float, room: float) -> None:
+    """Append the constant segment and the seven after it, so that the leg ends at its length with at most `v_end`."""
+    _add_segment_const_jerk(c, _CONST, 0.0, 0.0)
     c.seg[_CONST, _A] = 0.0
     jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, v_end, c.accel, c.seg[_CONST, _V], room)
-    _seven(c, _CONST + 1, -jm, tj, t6, t4, t2)
+    _add_segments_jerk(c, _CONST + 1, -jm, tj, t6, t4, t2)
     c.seg[_DECEL_END, _A] = 0.0
     c.seg[_DECEL_END, _V] = max(0.0, c.seg[_DECEL_END, _V])
-    _stretch(c)
+    _extend_constant_segment(c)
 
 
 @kernel
-def _stretch(c: Any) -> None:
-    """Make the constant segment so long that the last one ends at the leg's length."""
+def _extend_constant_segment(c: Any) -> None:
+    """Extend the constant segment so that the last one ends at the leg's length."""
     more = max(0.0, c.length - c.seg[_DECEL_END, _P])
     time = more / c.seg[_CONST, _V] if c.seg[_CONST, _V] > 0.0 else 0.0
     for i in range(_CONST, _DECEL_END + 1):
@@ -206,7 +206,7 @@ def _stretch(c: Any) -> None:
 
 @kernel
 def clear(c: Any) -> None:
-    """No leg: position, speed and acceleration are 0, and it is finished."""
+    """Remove the leg: position, speed and acceleration are 0, and it is finished."""
     c.live = 0
     c.t = 0.0
     c.at = 0
@@ -218,7 +218,7 @@ def clear(c: Any) -> None:
 
 @kernel
 def kinematic_limit(e: float, n: float, u: float, level: float, up: float, down: float) -> float:
-    """The most along a direction so that neither its level nor its vertical part exceeds its own limit.
+    """Return the largest magnitude along a direction whose horizontal and vertical parts keep their limits.
 
     `kinematic_limit` (libraries/AP_Math/control.cpp); 0 for no direction.
     """
@@ -239,7 +239,7 @@ def lay(
     c: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     level: float, up: float, down: float, accel: float, accel_z: float, snap: float, jerk: float,
 ) -> None:  # fmt: skip
-    """A leg from o to d, at rest at both ends (`SCurve::calculate_track`)."""
+    """Compute a leg from o to d, at rest at both ends (`SCurve::calculate_track`)."""
     clear(c)
     e, n, u = de - oe, dn - on, du - ou
     length = math.sqrt(e * e + n * n + u * u)
@@ -253,20 +253,20 @@ def lay(
     c.accel_z = accel_z
     c.snap = snap
     c.jerk = jerk
-    _lay_from_rest(c)
+    _calculate_from_rest(c)
     c.live = 1
 
 
 @kernel
-def _lay_from_rest(c: Any) -> None:
-    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, 0.0, c.accel, c.speed, _ROOM * c.length)
-    _set(c, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    _seven(c, 1, jm, tj, t2, t4, t6)
+def _calculate_from_rest(c: Any) -> None:
+    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, 0.0, c.accel, c.speed, _ACCEL_SHARE * c.length)
+    _set_segment(c, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    _add_segments_jerk(c, 1, jm, tj, t2, t4, t6)
     c.seg[_ACCEL_END, _A] = 0.0
-    _empty(c, _ACCEL_END + 1, _CHANGE_END)
+    _fill_empty_segments(c, _ACCEL_END + 1, _CHANGE_END)
     left = c.length - 2.0 * c.seg[_CHANGE_END, _P]
-    _level(c, _CONST, max(0.0, left / c.seg[_CHANGE_END, _V]), 0.0)
-    _seven(c, _CONST + 1, -jm, tj, t6, t4, t2)
+    _add_segment_const_jerk(c, _CONST, max(0.0, left / c.seg[_CHANGE_END, _V]), 0.0)
+    _add_segments_jerk(c, _CONST + 1, -jm, tj, t6, t4, t2)
     c.seg[_DECEL_END, _A] = 0.0
     c.seg[_DECEL_END, _V] = 0.0
     c.at = 0
@@ -274,41 +274,41 @@ def _lay_from_rest(c: Any) -> None:
 
 @kernel
 def set_origin_speed(c: Any, speed: float) -> float:
-    """Begin the leg at a speed; what it will really begin with (`set_origin_speed_max`)."""
+    """Let the leg begin at a speed; return the speed that is possible (`set_origin_speed_max`)."""
     if c.live == 0:
         return 0.0
     if abs(c.seg[0, _V] - speed) < 1e-9:
         return speed
     top = c.seg[_ACCEL_END, _V]
     speed = min(speed, top)
-    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, speed, c.accel, top, _ROOM * c.length)
-    _set(c, 0, 0.0, 0.0, 0.0, speed, 0.0)
-    _seven(c, 1, jm, tj, t2, t4, t6)
+    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, speed, c.accel, top, _ACCEL_SHARE * c.length)
+    _set_segment(c, 0, 0.0, 0.0, 0.0, speed, 0.0)
+    _add_segments_jerk(c, 1, jm, tj, t2, t4, t6)
     c.seg[_ACCEL_END, _A] = 0.0
-    back = min(0.0, _ROOM * c.length - c.seg[_ACCEL_END, _P])
+    back = min(0.0, _ACCEL_SHARE * c.length - c.seg[_ACCEL_END, _P])
     earlier = back / c.seg[_ACCEL_END, _V] if c.seg[_ACCEL_END, _V] > 0.0 else 0.0
     for i in range(_ACCEL_END + 1):
         c.seg[i, _T] += earlier
         c.seg[i, _P] += back
-    _empty(c, _ACCEL_END + 1, _CHANGE_END)
-    _slow_down(c, 0.0, _ROOM * c.length)
+    _fill_empty_segments(c, _ACCEL_END + 1, _CHANGE_END)
+    _add_deceleration(c, 0.0, _ACCEL_SHARE * c.length)
     c.at = 0
     return speed
 
 
 @kernel
 def set_destination_speed(c: Any, speed: float) -> None:
-    """End the leg at a speed (`set_destination_speed_max`)."""
+    """Let the leg end at a speed (`set_destination_speed_max`)."""
     if c.live == 0 or abs(c.seg[_DECEL_END, _V] - speed) < 1e-9:
         return
     c.seg[_CONST, _T] = c.seg[_CHANGE_END, _T]
-    _slow_down(c, min(speed, c.seg[_CHANGE_END, _V]), _ROOM * c.length)
+    _add_deceleration(c, min(speed, c.seg[_CHANGE_END, _V]), _ACCEL_SHARE * c.length)
     c.at = 0
 
 
 @kernel
 def set_speed(c: Any, level: float, up: float, down: float) -> None:
-    """Another speed limit for a leg that may be under way (`set_speed_max`); ignored once it slows down."""
+    """Change the speed limit of a leg, also in flight (`set_speed_max`); ignored once it decelerates."""
     if c.live == 0:
         return
     speed = kinematic_limit(c.unit[0], c.unit[1], c.unit[2], level, up, down)
@@ -320,52 +320,54 @@ def set_speed(c: Any, level: float, up: float, down: float) -> None:
     v_end = min(speed, c.seg[_DECEL_END, _V])
     if c.t == 0.0:
         v_start = min(speed, c.seg[0, _V])
-        _lay_from_rest(c)
+        _calculate_from_rest(c)
         set_origin_speed(c, v_start)
         set_destination_speed(c, v_end)
         return
     if c.seg[_ACCEL_END, _T] <= c.t <= c.seg[_CHANGE_END, _T]:
-        # the change under way becomes the first one, which leaves room for another
-        _set(c, 0, c.seg[_ACCEL_END, _T], 0.0, c.seg[_ACCEL_END, _A], c.seg[_ACCEL_END, _V], c.seg[_ACCEL_END, _P])
+        # the change in progress moves to the first group, which leaves room for another
+        _set_segment(
+            c, 0, c.seg[_ACCEL_END, _T], 0.0, c.seg[_ACCEL_END, _A], c.seg[_ACCEL_END, _V], c.seg[_ACCEL_END, _P]
+        )
         for i in range(1, _ACCEL_END + 1):
             k = i + 7
-            _set(c, i, c.seg[k, _T], c.seg[k, _JM], c.seg[k, _A], c.seg[k, _V], c.seg[k, _P])
+            _set_segment(c, i, c.seg[k, _T], c.seg[k, _JM], c.seg[k, _A], c.seg[k, _V], c.seg[k, _P])
     elif c.seg[_CHANGE_END, _T] < c.t <= c.seg[_CONST, _T]:
         done, now, _ = at(c, c.t)
         k = _CHANGE_END
-        _set(c, 0, c.seg[k, _T], 0.0, 0.0, c.seg[k, _V], c.seg[k, _P])
+        _set_segment(c, 0, c.seg[k, _T], 0.0, 0.0, c.seg[k, _V], c.seg[k, _P])
         for i in range(1, _ACCEL_END + 1):
-            _set(c, i, c.t, 0.0, 0.0, now, done)
+            _set_segment(c, i, c.t, 0.0, 0.0, now, done)
     held = c.seg[_ACCEL_MAX, _T] - c.seg[_ACCEL_MAX - 1, _T]
     if c.t <= c.seg[_ACCEL_MAX, _T] and held > 0.0 and speed < c.seg[_ACCEL_END, _V] and c.seg[_ACCEL_MAX, _A] > 0.0:
-        # still at its acceleration: shorten that as far as it is not over yet
+        # still at constant acceleration: shorten the rest of it
         cut = c.seg[_ACCEL_MAX, _T] - max(c.t, c.seg[_ACCEL_MAX - 1, _T])
         least = max(c.seg[_ACCEL_END, _V] - c.seg[_ACCEL_MAX, _A] * cut, speed)
-        jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, c.seg[0, _V], c.accel, least, _ROOM * c.length)
-        _seven(c, 1, jm, tj, t2, t4, t6)
+        jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, c.seg[0, _V], c.accel, least, _ACCEL_SHARE * c.length)
+        _add_segments_jerk(c, 1, jm, tj, t2, t4, t6)
         c.seg[_ACCEL_END, _A] = 0.0
-    _empty(c, _ACCEL_END + 1, _CHANGE_END)
+    _fill_empty_segments(c, _ACCEL_END + 1, _CHANGE_END)
     top = c.seg[_ACCEL_END, _V]
     if abs(speed - top) > 1e-9:
         length = c.seg[_CONST, _P] - c.seg[_ACCEL_END, _P]
-        # the upstream source takes the power 1/3 of integers, which is 0: the first of the two is then 1
+        # ArduPilot raises to the integer quotient 1/3, which is 0: the first of the two values is then 1
         rise = min(1.0, c.jerk * math.pi / (2.0 * c.snap))
         if speed < top and top > 0.0 and rise * 12.0 < length / top:
-            jm, tj, t6, t4, t2 = path_times(c.snap, c.jerk, speed, c.accel, top, _ROOM * length)
-            _seven(c, _ACCEL_END + 1, -jm, tj, t2, t4, t6)
+            jm, tj, t6, t4, t2 = path_times(c.snap, c.jerk, speed, c.accel, top, _ACCEL_SHARE * length)
+            _add_segments_jerk(c, _ACCEL_END + 1, -jm, tj, t2, t4, t6)
         elif speed > top and length / (rise * 12.0) > top:
             most = min(speed, length / (rise * 12.0))
-            jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, top, c.accel, most, _ROOM * length)
-            _seven(c, _ACCEL_END + 1, jm, tj, t2, t4, t6)
+            jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, top, c.accel, most, _ACCEL_SHARE * length)
+            _add_segments_jerk(c, _ACCEL_END + 1, jm, tj, t2, t4, t6)
         c.seg[_CHANGE_END, _A] = 0.0
     v_end = min(v_end, c.seg[_CHANGE_END, _V])
-    _slow_down(c, v_end, c.length - c.seg[_CHANGE_END, _P])
+    _add_deceleration(c, v_end, c.length - c.seg[_CHANGE_END, _P])
     c.at = 0
 
 
 @kernel
 def at(c: Any, t: float) -> tuple[float, float, float]:
-    """(distance from the origin, speed, acceleration) `t` seconds into the leg."""
+    """Return (distance from the origin, speed, acceleration) `t` seconds into the leg."""
     if c.live == 0:
         return 0.0, 0.0, 0.0
     i = c.at
@@ -390,8 +392,8 @@ def at(c: Any, t: float) -> tuple[float, float, float]:
     tj = c.seg[i, _T] - c.seg[k, _T]
     half = 0.5 * jm
     per = tj / math.pi
-    if place in (2, 6):  # falling: the second half of the raised cosine, as if it had begun at rest
-        da, dv, dp = _ramp(tj, jm)
+    if place in (2, 6):  # falling: the second half of the raised cosine, computed as if it had begun at rest
+        da, dv, dp = _raised_cosine(tj, jm)
         p -= dp
         v -= dv
         a -= da
@@ -412,36 +414,36 @@ def at(c: Any, t: float) -> tuple[float, float, float]:
 
 @kernel
 def duration(c: Any) -> float:
-    """Seconds from start to end; 0 of no leg."""
+    """Return the time from start to end, s; 0 without a leg."""
     return c.seg[_DECEL_END, _T] if c.live == 1 else 0.0
 
 
 @kernel
 def slows_at(c: Any) -> float:
-    """When it begins to slow down."""
+    """Return when deceleration begins, s."""
     return c.seg[_CONST, _T] if c.live == 1 else 0.0
 
 
 @kernel
 def fast_at(c: Any) -> float:
-    """When it has reached its speed."""
+    """Return when acceleration ends, s."""
     return c.seg[_ACCEL_END, _T] if c.live == 1 else 0.0
 
 
 @kernel
 def finished(c: Any) -> bool:
-    """Whether it has been flown to its end."""
-    # in ArduPilot's single floats the last tenth of a second covers no distance any more
+    """Whether the leg has been flown to its end."""
+    # in ArduPilot's single floats the last tenth of a second adds no distance
     return bool(c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length * (1.0 - 6e-8))
 
 
 @kernel
 def copy(to: Any, c: Any) -> None:
-    """Make one leg the same as another."""
+    """Copy one leg to another."""
     to.length, to.speed, to.accel, to.accel_z = c.length, c.speed, c.accel, c.accel_z
     to.jerk, to.snap, to.t, to.live, to.at, to.done = c.jerk, c.snap, c.t, c.live, c.at, c.done
     for axis in range(3):
         to.unit[axis] = c.unit[axis]
         to.origin[axis] = c.origin[axis]
     for i in range(SEGMENTS):
-        _set(to, i, c.seg[i, _T], c.seg[i, _JM], c.seg[i, _A], c.seg[i, _V], c.seg[i, _P])
+        _set_segment(to, i, c.seg[i, _T], c.seg[i, _JM], c.seg[i, _A], c.seg[i, _V], c.seg[i, _P])

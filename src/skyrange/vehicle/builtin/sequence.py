@@ -1,4 +1,4 @@
-"""Which item of a mission comes next? Jumps followed, as libraries/AP_Mission/AP_Mission.cpp `get_next_cmd` does."""
+"""Order of mission commands: the next command from a place on, with jumps followed (AP_Mission.cpp `get_next_cmd`)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from skyrange.vehicle.builtin.mission_kinds import JUMP, NAVIGATION
 
 _MAX_JUMPS = 64  # get_next_cmd
 MAX_ITEMS = 255
-"""Of advance_current_nav_cmd: a loop of jumps and DO items ends the mission."""
+"""Limit of advance_current_nav_cmd: a loop of jumps and DO commands ends the mission."""
 
 
 Jumped = Callable[[int, int, int], None]
-"""Told of each jump made: its item, how often it has been made, and how often it may be (-1 for ever)."""
+"""Called for each jump made: its item, how often it was made, and how often it may be (-1 unlimited)."""
 
 
 def resolve(craft: Craft, seq: int, count: bool, jumped: Jumped | None = None) -> int | None:
-    """The first item from `seq` on that is no jump, following jumps; counts them as made where `count`."""
+    """Return the first item from `seq` on that is not a jump, following jumps; with `count`, count them as made."""
     made = craft.jumps if count else dict(craft.jumps)
     for _ in range(_MAX_JUMPS):
         if seq >= len(craft.mission):
@@ -40,7 +40,7 @@ def resolve(craft: Craft, seq: int, count: bool, jumped: Jumped | None = None) -
 
 
 def next_navigation(craft: Craft, seq: int) -> int | None:
-    """The navigation item that would be flown from `seq` on; looks without counting jumps."""
+    """Return the navigation command that would be flown from `seq` on, without counting jumps."""
     for _ in range(MAX_ITEMS):
         found = resolve(craft, seq, count=False)
         if found is None or craft.mission[found].command in NAVIGATION:
@@ -50,6 +50,6 @@ def next_navigation(craft: Craft, seq: int) -> int | None:
 
 
 def next_do(craft: Craft, seq: int) -> int | None:
-    """The DO item that comes at or behind a place, `None` where a navigation item is next (get_next_do_cmd)."""
+    """Return the DO command at or after a place, `None` where a navigation command is next (get_next_do_cmd)."""
     found = resolve(craft, seq, count=False)
     return None if found is None or craft.mission[found].command in NAVIGATION else found

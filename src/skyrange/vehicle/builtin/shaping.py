@@ -1,4 +1,4 @@
-"""How does a reference move towards a target within limits of speed, acceleration and jerk?
+"""Input shaping: motion towards a target within limits of speed, acceleration and jerk.
 
 ArduPilot's square-root controller and its jerk-limited input shaping (libraries/AP_Math/control.cpp:
 `sqrt_controller`, `inv_sqrt_controller`, `shape_vel_accel`, `shape_vel_accel_xy`, `shape_pos_vel_accel`). Units are
@@ -16,13 +16,13 @@ _CORNER = 1.0 / math.sqrt(2.0)  # CORNER_ACCELERATION_RATIO
 
 @kernel
 def clamp(value: float, low: float, high: float) -> float:
-    """`value` held inside [low, high]."""
+    """Limit `value` to [low, high]."""
     return min(max(value, low), high)
 
 
 @kernel
 def wrap_pi(angle_rad: float) -> float:
-    """The same angle in [-π, π)."""
+    """Return the same angle in [-π, π)."""
     if -math.pi <= angle_rad < math.pi:
         return angle_rad
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
@@ -30,23 +30,22 @@ def wrap_pi(angle_rad: float) -> float:
 
 @kernel
 def sqrt_controller(error: float, p: float, second_limit: float, dt_s: float) -> float:
-    """Correction rate for `error`: linear with gain `p` near 0, then growing as a square root.
+    """Return the correction rate for `error`: linear with gain `p` near 0, a square root beyond.
 
-    The square root keeps the deceleration at `second_limit` (>0). The rate never overshoots within
-    one step of `dt_s`.
+    The square root keeps the deceleration at `second_limit` (>0). The rate does not overshoot within a step of `dt_s`.
     """
     size = abs(error)
     rate = size * p
     if rate * p > second_limit:
         rate = math.sqrt(second_limit * (2.0 * size - second_limit / (p * p)))
-    if rate * dt_s > size:  # divisions only where they count: this runs five times in each step of position control
+    if rate * dt_s > size:  # divide only where needed: this runs five times in each step of position control
         rate = size / dt_s
     return math.copysign(rate, error)
 
 
 @kernel
 def sqrt_controller_xy(east: float, north: float, p: float, second_limit: float, dt_s: float) -> tuple[float, float]:
-    """`sqrt_controller` on the length of a horizontal vector, along its direction."""
+    """Apply `sqrt_controller` to the length of a horizontal vector, along its direction."""
     length = math.sqrt(east * east + north * north)
     if length < 1e-12:
         return 0.0, 0.0
@@ -56,7 +55,7 @@ def sqrt_controller_xy(east: float, north: float, p: float, second_limit: float,
 
 @kernel
 def stopping_distance(speed: float, p: float, second_limit: float) -> float:
-    """The error at which `sqrt_controller` asks for `speed`: its inverse, and the way a braking vehicle goes on."""
+    """Return the error at which `sqrt_controller` requests `speed` (its inverse): the distance to brake."""
     linear = second_limit / p
     if abs(speed) < linear:
         return speed / p
@@ -66,7 +65,7 @@ def stopping_distance(speed: float, p: float, second_limit: float) -> float:
 
 @kernel
 def limit_xy(east: float, north: float, most: float) -> tuple[float, float]:
-    """The vector, shortened to length `most` where it is longer."""
+    """Return the vector, shortened to length `most` where it is longer."""
     square = east * east + north * north
     if square > most * most:
         scale = most / math.sqrt(square)
@@ -78,7 +77,10 @@ def limit_xy(east: float, north: float, most: float) -> tuple[float, float]:
 def shape_velocity(
     target: float, added: float, velocity: float, accel: float, accel_max: float, jerk_max: float, dt_s: float
 ) -> float:
-    """The next acceleration to bring `velocity` to `target` within `accel_max` (with `added` on top) and `jerk_max`."""
+    """Return the next acceleration to bring `velocity` to `target`.
+
+    Within `accel_max`, to which `added` is added, and within `jerk_max`.
+    """
     wanted = sqrt_controller(target - velocity, jerk_max / accel_max, jerk_max, dt_s)
     wanted = clamp(wanted, -accel_max, accel_max) + added
     return accel + clamp(wanted - accel, -jerk_max * dt_s, jerk_max * dt_s)
@@ -89,7 +91,10 @@ def shape_velocity_xy(
     target_e: float, target_n: float, added_e: float, added_n: float, vel_e: float, vel_n: float,
     acc_e: float, acc_n: float, accel_max: float, jerk_max: float, dt_s: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """`shape_velocity` on a horizontal vector, limits on its length; turning takes at most 0.7 of the acceleration."""
+    """Apply `shape_vel_accel` to a horizontal vector, with limits on its length.
+
+    Turning takes at most 0.7 of the acceleration.
+    """
     want_e, want_n = sqrt_controller_xy(target_e - vel_e, target_n - vel_n, jerk_max / accel_max, jerk_max, dt_s)
     speed = math.sqrt(target_e * target_e + target_n * target_n)
     if speed <= 0.0:
@@ -114,5 +119,5 @@ def shape_velocity_xy(
 
 @kernel
 def approach_velocity(error: float, accel_max: float, jerk_max: float, dt_s: float) -> float:
-    """The velocity that closes a position `error` and can still be stopped within the limits."""
+    """Return the velocity that closes a position `error` and can still be stopped within the limits."""
     return sqrt_controller(error, 0.5 * jerk_max / accel_max, 0.5 * accel_max, dt_s)

@@ -1,7 +1,7 @@
-"""How does a reference move along a curve? A cubic between two points, at a speed that its bends allow.
+"""Spline legs: motion along a cubic curve between two points, at a speed that its curvature allows.
 
-After libraries/AP_Math/SplineCurve.cpp: a Hermite cubic; along it at most half the acceleration limit is spent on
-speeding up and slowing down, and half on turning.
+After libraries/AP_Math/SplineCurve.cpp: a Hermite cubic; at most half the acceleration limit is used along the curve
+for changes of speed, and half across it for turning.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from skyrange.core.compiled import kernel
 from skyrange.vehicle.builtin.scurve import kinematic_limit
 from skyrange.vehicle.builtin.shaping import clamp
 
-_FACTOR = 4.0  # SPLINE_FACTOR
-_ALONG = 0.5  # TANGENTIAL_ACCEL_SCALER
-_ACROSS = 0.5  # LATERAL_ACCEL_SCALER
+_SPLINE_FACTOR = 4.0  # SPLINE_FACTOR
+_TANGENTIAL_ACCEL_SCALER = 0.5  # TANGENTIAL_ACCEL_SCALER
+_LATERAL_ACCEL_SCALER = 0.5  # LATERAL_ACCEL_SCALER
 
 
 @kernel
@@ -23,7 +23,7 @@ def lay(
     c: Any, f: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     ve: float, vn: float, vu: float, we: float, wn: float, wu: float,
 ) -> None:  # fmt: skip
-    """A curve from o, leaving along v, to d, arriving along w (metres; `set_origin_and_destination`)."""
+    """Compute a curve from o, departing along v, to d, arriving along w (metres; `set_origin_and_destination`)."""
     c.goal[0], c.goal[1], c.goal[2] = de, dn, du
     c.t = 0.0
     c.reached = 0
@@ -34,20 +34,20 @@ def lay(
         c.from_speed = 0.0
         c.to_speed = 0.0
         c.leave[0], c.leave[1], c.leave[2] = 0.0, 0.0, 0.0
-        _cubic(c, oe, on, ou, de, dn, du, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        _update_solution(c, oe, on, ou, de, dn, du, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         return
     c.leave[0], c.leave[1], c.leave[2] = we, wn, wu
     long = math.sqrt(ve * ve + vn * vn + vu * vu) + math.sqrt(we * we + wn * wn + wu * wu)
-    k = min(1.0, apart * _FACTOR / long) if long > 0.0 else 1.0
-    _cubic(c, oe, on, ou, de, dn, du, ve * k, vn * k, vu * k, we * k, wn * k, wu * k)
-    c.to_speed = 0.0  # for the braking distance of what follows
+    k = min(1.0, apart * _SPLINE_FACTOR / long) if long > 0.0 else 1.0
+    _update_solution(c, oe, on, ou, de, dn, du, ve * k, vn * k, vu * k, we * k, wn * k, wu * k)
+    c.to_speed = 0.0  # for the braking distance in the next call
     _, _, _, _, c.from_speed, _ = step(c, f, 0.0, 0.0)
     if we != 0.0 or wn != 0.0 or wu != 0.0:
-        _, _, _, _, c.to_speed, _ = _bend(c, f, 1.0, 0.0)
+        _, _, _, _, c.to_speed, _ = _calc_limits(c, f, 1.0, 0.0)
 
 
 @kernel
-def _cubic(
+def _update_solution(
     c: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     ve: float, vn: float, vu: float, we: float, wn: float, wu: float,
 ) -> None:  # fmt: skip
@@ -64,14 +64,14 @@ def _cubic(
 
 @kernel
 def place(c: Any, t: float, axis: int) -> float:
-    """The curve's coordinate at its time 0…1, m."""
+    """Return the curve's coordinate at its time 0…1, m."""
     at: float = c.terms[0, axis] + t * (c.terms[1, axis] + t * (c.terms[2, axis] + t * c.terms[3, axis]))
     return at
 
 
 @kernel
-def _bend(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float, float, float, float]:
-    """(time that `ahead_m` takes, direction, greatest speed, greatest acceleration along) at a time of the curve."""
+def _calc_limits(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float, float, float, float]:
+    """Return (time for `ahead_m`, direction, maximum speed, maximum acceleration along it) at a time of the curve."""
     ve = c.terms[1, 0] + t * (2.0 * c.terms[2, 0] + 3.0 * t * c.terms[3, 0])
     vn = c.terms[1, 1] + t * (2.0 * c.terms[2, 1] + 3.0 * t * c.terms[3, 1])
     vu = c.terms[1, 2] + t * (2.0 * c.terms[2, 2] + 3.0 * t * c.terms[3, 2])
@@ -97,16 +97,16 @@ def _bend(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float
     ce, cn, cu = ae - e * along, an - n * along, au - u * along
     across = math.sqrt(ce * ce + cn * cn + cu * cu)
     fastest = kinematic_limit(e, n, u, f.speed_xy, f.speed_up, f.speed_down)
-    turn_most = _ACROSS * kinematic_limit(ce, cn, cu, f.accel_xy, f.accel_z, f.accel_z)
+    turn_most = _LATERAL_ACCEL_SCALER * kinematic_limit(ce, cn, cu, f.accel_xy, f.accel_z, f.accel_z)
     if turn_most > 0.0 and across > 1e-9 and speed > 1e-9 and across / turn_most > (speed / fastest) ** 2:
         fastest = speed / math.sqrt(across / turn_most)
-    return dt, e, n, u, fastest, _ALONG * kinematic_limit(e, n, u, f.accel_xy, f.accel_z, f.accel_z)
+    return dt, e, n, u, fastest, _TANGENTIAL_ACCEL_SCALER * kinematic_limit(e, n, u, f.accel_xy, f.accel_z, f.accel_z)
 
 
 @kernel
 def step(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float, float, float, float]:
-    """`_bend`, with the speed also low enough to brake to the end's speed (`calc_dt_speed_max`)."""
-    dt, e, n, u, fastest, accel = _bend(c, f, t, ahead_m)
+    """Return the limits at a time of the curve, with a speed low enough to brake to its end (`calc_dt_speed_max`)."""
+    dt, e, n, u, fastest, accel = _calc_limits(c, f, t, ahead_m)
     left = 0.0
     for axis in range(3):
         away = c.goal[axis] - place(c, t, axis)
@@ -117,7 +117,7 @@ def step(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float,
 
 @kernel
 def follow(c: Any, f: Any, dt_s: float) -> None:
-    """Move the reference on by a step along the curve (`advance_target_along_track`)."""
+    """Move the reference by one step along the curve (`advance_target_along_track`)."""
     if c.reached == 1 and c.t >= 1.0 and c.from_speed == 0.0 and c.to_speed == 0.0:
         for axis in range(3):
             f.ref_pos[axis] = c.goal[axis]

@@ -1,4 +1,4 @@
-"""What do a pilot's sticks do? Lean angles, throttle and climb rate, and LOITER's motion.
+"""Pilot input: lean angles, throttle, climb rate and yaw rate from the sticks, and the motion of LOITER.
 
 After ArduCopter/mode.cpp (`get_pilot_desired_lean_angles_rad`, `get_pilot_desired_throttle`), Attitude.cpp
 `get_pilot_desired_climb_rate`, AP_Math `rc_input_to_roll_pitch_rad`, and libraries/AC_WPNav/AC_Loiter.cpp.
@@ -18,7 +18,7 @@ THROTTLE_MID = 0.484
 _CDEG = math.pi / 18_000.0
 _LEAN_MAX_RAD = math.radians(85.0)
 _LEAN_LIMIT_RAD = math.radians(10.0)
-_ZERO_S = 0.4  # THROTTLE_ZERO_DEBOUNCE_TIME_MS
+_THROTTLE_ZERO_DEBOUNCE_S = 0.4  # THROTTLE_ZERO_DEBOUNCE_TIME_MS
 _SPEED_MIN_MPS = 0.2  # LOITER_SPEED_MIN
 CORRECTION_MPS = 2.0
 """LOITER_VEL_CORRECTION_MAX."""
@@ -26,14 +26,14 @@ CORRECTION_MPS = 2.0
 
 @kernel
 def throttle_zero(f: Any, dt_s: float) -> bool:
-    """Whether the throttle stick has been at the bottom for long enough to mean it (`set_throttle_zero_flag`)."""
+    """Whether the throttle stick has been at the bottom for at least the debounce time (`set_throttle_zero_flag`)."""
     f.zero_s = 0.0 if f.sticks[3] > 0.0 else f.zero_s + dt_s
-    return bool(f.zero_s >= _ZERO_S)
+    return bool(f.zero_s >= _THROTTLE_ZERO_DEBOUNCE_S)
 
 
 @kernel
 def lean(e: Any, f: Any, angle_max: float, limit: float) -> tuple[float, float]:
-    """The acceleration that the roll and pitch sticks ask for, m/s² (forward, left)."""
+    """Return the acceleration that the roll and pitch sticks request, m/s² (forward, left)."""
     angle_max = min(angle_max, _LEAN_MAX_RAD)
     forward = -math.tan(angle_max * f.sticks[1])
     left = -math.tan(angle_max * f.sticks[0])
@@ -43,7 +43,7 @@ def lean(e: Any, f: Any, angle_max: float, limit: float) -> tuple[float, float]:
 
 @kernel
 def to_local(e: Any, forward: float, left: float) -> tuple[float, float]:
-    """(east, north) of a vector by the nose."""
+    """Return (east, north) of a vector given along and across the heading."""
     c = math.cos(e.yaw)
     s = math.sin(e.yaw)
     return c * forward - s * left, s * forward + c * left
@@ -51,7 +51,7 @@ def to_local(e: Any, forward: float, left: float) -> tuple[float, float]:
 
 @kernel
 def yaw_rate(f: Any, p: Any) -> float:
-    """The yaw rate that the stick asks for, rad/s counter-clockwise: the stick to the right turns right."""
+    """Return the yaw rate that the stick requests, rad/s counter-clockwise: the stick to the right turns right."""
     x = f.sticks[2]
     expo = p.PILOT_Y_EXPO
     if expo < 0.95:  # input_expo
@@ -61,7 +61,7 @@ def yaw_rate(f: Any, p: Any) -> float:
 
 @kernel
 def throttle(f: Any, p: Any) -> float:
-    """The thrust that STABILIZE gives: 0…1 of full, hovering at mid-stick."""
+    """Return the thrust in STABILIZE: 0…1 of full, hovering at mid-stick."""
     stick = clamp(f.sticks[3], 0.0, 1.0)
     if stick < THROTTLE_MID:
         x = stick * 0.5 / THROTTLE_MID
@@ -73,7 +73,7 @@ def throttle(f: Any, p: Any) -> float:
 
 @kernel
 def climb_rate(f: Any, p: Any) -> float:
-    """The climb rate that the throttle stick asks for, m/s: none around the middle."""
+    """Return the climb rate that the throttle stick requests, m/s: none around the middle."""
     stick = clamp(f.sticks[3], 0.0, 1.0)
     dead = 0.001 * clamp(p.THR_DZ, 0.0, 400.0)
     top = THROTTLE_MID + dead
@@ -88,24 +88,27 @@ def climb_rate(f: Any, p: Any) -> float:
 
 @kernel
 def loiter_angle(p: Any) -> float:
-    """The largest lean in LOITER, rad (AC_Loiter::get_angle_max_rad)."""
+    """Return the largest lean angle in LOITER, rad (AC_Loiter::get_angle_max_rad)."""
     most = p.ANGLE_MAX * _CDEG
     return float(min(math.radians(p.LOIT_ANG_MAX), most) if p.LOIT_ANG_MAX > 0.0 else most * 2.0 / 3.0)
 
 
 @kernel
-def _angles(forward: float, left: float) -> tuple[float, float]:
-    """Lean (right side down, nose down) that accelerates so, rad."""
+def _lean_angles(forward: float, left: float) -> tuple[float, float]:
+    """Return the lean angles (right side down, nose down) of an acceleration, rad."""
     nose_down = math.atan(forward / GRAVITY_MPS2)
     return math.atan(-math.cos(nose_down) * left / GRAVITY_MPS2), nose_down
 
 
 @kernel
 def loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
-    """Move LOITER's reference: the sticks accelerate it, drag limits its speed, and it brakes when they are let go."""
+    """Move the reference of LOITER by one step.
+
+    The sticks accelerate it, drag limits its speed, and it brakes when the sticks are released.
+    """
     most = loiter_angle(p)
     forward, left = lean(e, f, most, p.ANGLE_MAX * _CDEG)
-    roll, pitch = _angles(forward, left)
+    roll, pitch = _lean_angles(forward, left)
     gain = 1.0 / max(p.ATC_INPUT_TC, 0.01)
     accel = p.ATC_ACCEL_R_MAX * _CDEG
     rate = sqrt_controller(roll - f.lean[0], gain, accel, dt_s)
@@ -154,7 +157,7 @@ def loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
 
 @kernel
 def begin_loiter(e: Any, f: Any) -> None:
-    """Start LOITER's reference where the aircraft is, moving and leaning as it does (AC_Loiter::init_target)."""
+    """Set the reference of LOITER to the aircraft's estimated motion and lean (AC_Loiter::init_target)."""
     for axis in range(2):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]

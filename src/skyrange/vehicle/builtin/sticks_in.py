@@ -1,53 +1,53 @@
-"""Where are a pilot's sticks? From microseconds per channel to what the loop reads, and what arming asks of them.
+"""RC channels: from microseconds per channel to the stick positions of the loop, and the throttle checks of arming.
 
-After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Channels run
-from 1000 to 2000 µs and are told at rest while nothing moves them: roll, pitch and yaw in the middle, throttle at the
-bottom, switches off. A throttle that nothing moves is none: it is at the bottom for STABILIZE, which reads it whatever
-it is (`get_pilot_desired_throttle`), and asks for no climb elsewhere (`has_valid_input`, RC_Channel_Copter.cpp).
+After libraries/RC_Channel (`pwm_to_range_dz`, `norm_input_dz`) and AP_Arming_Copter.cpp `arm_checks`. Channels range
+from 1000 to 2000 µs and are reported at rest while nothing moves them: roll, pitch and yaw in the middle, throttle at
+the bottom, switches off. A throttle that nothing moves counts as absent: it is at the bottom for STABILIZE, which
+reads it in any case (`get_pilot_desired_throttle`), and requests no climb in other modes (`has_valid_input`,
+RC_Channel_Copter.cpp).
 """
 
 from __future__ import annotations
 
 from skyrange.vehicle.builtin import sticks
 from skyrange.vehicle.builtin.fleet import CHANNELS, Craft, Fleet
-from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE
-from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, Mode
 
 MIN_US, MAX_US = 1000, 2000
 _MID_US = 1500
 _RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US, *[MIN_US] * (CHANNELS - 4))
-_DEAD_US = (20, 20, 30, 20)
+_DEAD_ZONES_US = (20, 20, 30, 20)
 """ArduCopter/radio.cpp `default_dead_zones`."""
 _THROTTLE = 2
-_HEIGHT_HELD = (Mode.ALT_HOLD, Mode.LOITER)
+_ALT_HOLD_MODES = (Mode.ALT_HOLD, Mode.LOITER)
 
 
 def place(fleet: Fleet, craft: Craft) -> None:
-    """Tell the loop and the reports where the sticks are."""
+    """Update the channels and the stick positions of an aircraft."""
     values = [craft.overrides.get(channel, (rest, 0))[0] for channel, rest in enumerate(_RESTING_US)]
     fleet.channels[craft.row] = values
     stick = fleet.flight["sticks"][craft.row]
     for index, channel in enumerate((0, 1, 3)):
-        stick[index] = _norm(values[channel], _DEAD_US[channel])
-    low = MIN_US + _DEAD_US[_THROTTLE]
+        stick[index] = _norm_input(values[channel], _DEAD_ZONES_US[channel])
+    low = MIN_US + _DEAD_ZONES_US[_THROTTLE]
     thousandths = 1000 * (min(max(values[_THROTTLE], MIN_US), MAX_US) - low) // (MAX_US - low)
     stick[3] = max(thousandths, 0) / 1000.0
-    if not _moves_throttle(craft) and craft.mode in _HEIGHT_HELD:
-        stick[3] = sticks.THROTTLE_MID  # no climb is asked for (Copter::get_pilot_desired_climb_rate)
+    if not _has_throttle_input(craft) and craft.mode in _ALT_HOLD_MODES:
+        stick[3] = sticks.THROTTLE_MID  # no climb is requested (Copter::get_pilot_desired_climb_rate)
 
 
-def _moves_throttle(craft: Craft) -> bool:
-    """Whether there is a throttle to hear: without one ArduCopter's `has_valid_input` is false."""
+def _has_throttle_input(craft: Craft) -> bool:
+    """Whether there is throttle input: without it ArduCopter's `has_valid_input` is false."""
     return _THROTTLE in craft.overrides
 
 
 def throttle(fleet: Fleet, craft: Craft) -> float:
-    """The throttle stick, 0…1; at the bottom while nobody moves it."""
-    return float(fleet.flight["sticks"][craft.row, 3]) if _moves_throttle(craft) else 0.0
+    """Return the throttle stick, 0…1; at the bottom while nothing moves it."""
+    return float(fleet.flight["sticks"][craft.row, 3]) if _has_throttle_input(craft) else 0.0
 
 
-def _norm(us: int, dead_us: int) -> float:
-    """-1…1 with a dead zone (RC_Channel::norm_input_dz)."""
+def _norm_input(us: int, dead_us: int) -> float:
+    """Return -1…1 with a dead zone (RC_Channel::norm_input_dz)."""
     low, high = _MID_US - dead_us, _MID_US + dead_us
     if us > high:
         return min((us - high) / (MAX_US - high), 1.0)
@@ -57,7 +57,7 @@ def _norm(us: int, dead_us: int) -> float:
 
 
 def too_high(fleet: Fleet, craft: Craft) -> bool:
-    """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks): GUIDED and AUTO do not look at it."""
+    """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks); GUIDED and AUTO ignore it."""
     if craft.mode in (Mode.GUIDED, Mode.AUTO):
         return False
     return wants_climb(fleet, craft) or (craft.mode in MANUAL_THROTTLE and throttle(fleet, craft) > 0.0)
@@ -70,8 +70,8 @@ def wants_climb(fleet: Fleet, craft: Craft) -> bool:
 
 
 def thrust(fleet: Fleet, craft: Craft) -> float:
-    """The thrust that the throttle stick would give in STABILIZE."""
-    if not _moves_throttle(craft):
+    """Return the thrust that the throttle stick would give in STABILIZE."""
+    if not _has_throttle_input(craft):
         return 0.0
     row = craft.row
     return float(sticks.throttle(fleet.flight[row], fleet.settings[row]))

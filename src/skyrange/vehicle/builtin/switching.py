@@ -1,7 +1,7 @@
-"""When may a mode be entered, and what does a flying aircraft do then?
+"""Mode changes: when a mode may be entered, and what a flying aircraft does on entry.
 
-Rules are those of `Copter::set_mode` (ArduCopter/mode.cpp) and each mode's `init`. A refused change sends a text
-and leaves everything as it was. Disarmed, any mode may be chosen: arming checks it.
+The rules are those of `Copter::set_mode` (ArduCopter/mode.cpp) and each mode's `init`. A refused change sends a text
+and changes nothing else. While disarmed, any mode may be chosen: arming checks it.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ from skyrange.vehicle.builtin import (
 from skyrange.vehicle.builtin.arming import idle_end
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
 from skyrange.vehicle.builtin.layout import Control, Heading
-from skyrange.vehicle.builtin.mode_traits import MANUAL_THROTTLE, NEEDS_POSITION
-from skyrange.vehicle.builtin.modes import PILOTED, Mode, known
+from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, NEEDS_POSITION, PILOTED, Mode, known
 from skyrange.vehicle.builtin.telemetry.table import message
 
 _BRAKE_SPEED_Z_MPS = 2.5  # config.h BRAKE_MODE_SPEED_Z
@@ -34,7 +33,7 @@ _BRAKE_DECEL_MPS2 = 7.5  # config.h BRAKE_MODE_DECEL_RATE
 
 
 def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
-    """Why an armed craft may not enter a mode, or ""."""
+    """Return why an armed aircraft may not enter a mode, or ""."""
     if mode in NEEDS_POSITION and not position.ok(fleet, craft):
         return "requires position"
     if craft.mode in MANUAL_THROTTLE and mode not in MANUAL_THROTTLE and not position.height_ok(fleet, craft):
@@ -49,19 +48,19 @@ def _refusal(fleet: Fleet, craft: Craft, mode: Mode) -> str:
             return "init failed"
     by_hand = mode in MANUAL_THROTTLE and craft.mode not in MANUAL_THROTTLE and fleet.landed(craft)
     if by_hand and sticks_in.thrust(fleet, craft) > 0.5 * fleet.param(craft, "MOT_THST_HOVER"):
-        return "throttle too high"  # it must not leap off the ground (get_non_takeoff_throttle)
+        return "throttle too high"  # it must not jump off the ground (get_non_takeoff_throttle)
     return ""
 
 
-def _hold(fleet: Fleet, craft: Craft) -> None:
+def _enter_hold(fleet: Fleet, craft: Craft) -> None:
     loop.hold(fleet.estimate, fleet.flight, craft.row)
     fleet.limits(craft)
     facing.set_kind(fleet, craft, Heading.HOLD)
     fleet.fly(craft, Control.VELOCITY)
 
 
-def _brake(fleet: Fleet, craft: Craft) -> None:
-    _hold(fleet, craft)
+def _enter_brake(fleet: Fleet, craft: Craft) -> None:
+    _enter_hold(fleet, craft)
     row = craft.row
     fleet.flight["accel_xy"][row] = _BRAKE_DECEL_MPS2
     fleet.flight["accel_z"][row] = _BRAKE_DECEL_MPS2
@@ -69,15 +68,15 @@ def _brake(fleet: Fleet, craft: Craft) -> None:
     fleet.flight["speed_down"][row] = _BRAKE_SPEED_Z_MPS
 
 
-def _land(fleet: Fleet, craft: Craft) -> None:
-    _hold(fleet, craft)
+def _enter_land(fleet: Fleet, craft: Craft) -> None:
+    _enter_hold(fleet, craft)
     craft.stage = Stage.LAND
     fleet.fly(craft, Control.LAND)
     fleet.flight["blind"][craft.row] = not position.ok(fleet, craft)
 
 
-def _pilot(fleet: Fleet, craft: Craft) -> None:
-    """The sticks take over, from where it is."""
+def _enter_pilot_mode(fleet: Fleet, craft: Craft) -> None:
+    """Let the pilot's sticks take over from the present state."""
     control = PILOTED[craft.mode]
     row, flight = craft.row, fleet.flight
     pilot_limits(fleet, craft)
@@ -89,7 +88,7 @@ def _pilot(fleet: Fleet, craft: Craft) -> None:
 
 
 def pilot_limits(fleet: Fleet, craft: Craft) -> None:
-    """Speeds and accelerations as the PILOT and LOIT parameters say (mode_loiter.cpp, mode_althold.cpp)."""
+    """Set speed and acceleration limits to the PILOT and LOIT parameters (mode_loiter.cpp, mode_althold.cpp)."""
     row, flight = craft.row, fleet.flight
     fleet.limits(craft)
     up = fleet.param(craft, "PILOT_SPEED_UP") * 0.01
@@ -100,30 +99,30 @@ def pilot_limits(fleet: Fleet, craft: Craft) -> None:
         flight["accel_xy"][row] = fleet.param(craft, "LOIT_ACC_MAX") * 0.01
 
 
-_ENTER: dict[Mode, Callable[[Fleet, Craft], None]] = {
-    Mode.STABILIZE: _pilot,
-    Mode.ALT_HOLD: _pilot,
-    Mode.AUTO: _hold,
+_ENTRY_ACTIONS: dict[Mode, Callable[[Fleet, Craft], None]] = {
+    Mode.STABILIZE: _enter_pilot_mode,
+    Mode.ALT_HOLD: _enter_pilot_mode,
+    Mode.AUTO: _enter_hold,
     Mode.GUIDED: targets.halt,
-    Mode.LOITER: _pilot,
+    Mode.LOITER: _enter_pilot_mode,
     Mode.RTL: returning.start,
-    Mode.LAND: _land,
-    Mode.BRAKE: _brake,
+    Mode.LAND: _enter_land,
+    Mode.BRAKE: _enter_brake,
 }
-"""What a flying craft does on entry; AUTO holds until its mission says more."""
+"""What a flying aircraft does on entry; AUTO holds until its mission starts."""
 
 
 def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Causes) -> bool:
     """Change the mode; `False` and a text where it is refused. The present mode again changes nothing.
 
-    `reason` is ArduCopter's (AP_Vehicle/ModeReason.h), in lower case: what `event.mode` says.
+    `reason` is ArduCopter's (AP_Vehicle/ModeReason.h), in lower case, as in `event.mode`.
     """
     if number == craft.shown_mode:
         craft.mode_reason = reason
         return True
     mode = known(number)
     if mode is Mode.AUTO_RTL:
-        return _join_landing(fleet, craft, reason, causes)
+        return _enter_auto_rtl(fleet, craft, reason, causes)
     if mode is None:
         fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"No such mode {number}", causes)
         return False
@@ -147,12 +146,12 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     fence.mode_changed(fleet, craft)
     if armed and not fleet.landed(craft):
         fleet.flight["blind"][craft.row] = 0
-        _ENTER[mode](fleet, craft)
+        _ENTRY_ACTIONS[mode](fleet, craft)
     elif armed:
         fleet.limits(craft)
-        fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is off
+        fleet.fly(craft, Control.IDLE)  # a take-off that has not left the ground is cancelled
         if mode in PILOTED:
-            _pilot(fleet, craft)
+            _enter_pilot_mode(fleet, craft)
         if mode == Mode.LAND:
             fleet.timer(craft, Timer.LANDED, fleet.now + from_seconds(fleet.param(craft, "MOT_SPOOL_TIME")))
         else:
@@ -162,28 +161,28 @@ def set_mode(fleet: Fleet, craft: Craft, number: int, reason: str, causes: Cause
     return True
 
 
-def _join_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
-    """AUTO_RTL was asked for (`return_path_or_jump_to_landing_sequence_auto_RTL`)."""
+def _enter_auto_rtl(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
+    """Enter AUTO_RTL (`return_path_or_jump_to_landing_sequence_auto_RTL`)."""
     if landing_sequence.join(fleet, craft, causes):
-        return _land_by_mission(fleet, craft, reason, causes)
-    _no_landing(fleet, craft, "No return path or landing sequence found", causes)
+        return _fly_landing_sequence(fleet, craft, reason, causes)
+    _send_landing_refusal(fleet, craft, "No return path or landing sequence found", causes)
     return False
 
 
 def start_landing(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
-    """DO_LAND_START was asked for: to the nearest in any case (ModeAuto::jump_to_landing_sequence_auto_RTL)."""
+    """Jump to the nearest DO_LAND_START in any case (ModeAuto::jump_to_landing_sequence_auto_RTL)."""
     if landing_sequence.jump(fleet, craft, causes):
-        return _land_by_mission(fleet, craft, reason, causes)
-    _no_landing(fleet, craft, "No landing sequence found", causes)
+        return _fly_landing_sequence(fleet, craft, reason, causes)
+    _send_landing_refusal(fleet, craft, "No landing sequence found", causes)
     return False
 
 
-def _no_landing(fleet: Fleet, craft: Craft, why: str, causes: Causes) -> None:
+def _send_landing_refusal(fleet: Fleet, craft: Craft, why: str, causes: Causes) -> None:
     fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Mode change to AUTO RTL failed: {why}", causes)
 
 
-def _land_by_mission(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
-    """Fly the mission from its current item on, shown as AUTO_RTL (ModeAuto::enter_auto_rtl)."""
+def _fly_landing_sequence(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> bool:
+    """Fly the mission from its current item on, reported as AUTO_RTL (ModeAuto::enter_auto_rtl)."""
     if craft.mode != Mode.AUTO:
         craft.resumes = True
         if not set_mode(fleet, craft, Mode.AUTO, reason, causes):

@@ -1,8 +1,9 @@
-"""Where does the ground station want a GUIDED aircraft? SET_POSITION_TARGET_…, SET_ATTITUDE_TARGET.
+"""GUIDED targets: SET_POSITION_TARGET_LOCAL_NED, SET_POSITION_TARGET_GLOBAL_INT and SET_ATTITUDE_TARGET.
 
 After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_message_set_…_target…`) and mode_guided.cpp. Positions, velocities,
-accelerations and combinations of them, with a yaw or a yaw rate; what makes no sense stops the aircraft, as does a
-number that is not finite, which ArduPilot looks for in velocities only. All but positions hold for GUID_TIMEOUT.
+accelerations and combinations of them, with a yaw or a yaw rate. An invalid combination stops the aircraft, as does a
+number that is not finite, which ArduPilot checks in velocities only. All targets but positions expire after
+GUID_TIMEOUT.
 """
 
 from __future__ import annotations
@@ -30,20 +31,20 @@ _LOCAL_FRAMES = frozenset(
 _BODY_FRAMES = frozenset((dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_OFFSET_NED))
 _RATES_IGNORE, _THRUST_IGNORE, _ATTITUDE_IGNORE = 0b111, 1 << 6, 1 << 7
 FAR_M = 1e6
-"""Farther than any local frame means: such a target is taken as senseless."""
-_FAST_MPS = 1e3
+"""Larger than any sensible local position: such a target counts as invalid."""
+_MAX_VELOCITY_MPS = 1e3
 """GCS_MAVLINK_Copter::sane_vel_or_acc_vector."""
-_UNIT = 1e-3
-_SPIN_RADPS = 20.0
-_WAYPOINTS = 1 << 6  # GUID_OPTIONS: positions are flown as waypoints
-_MOVING = frozenset((Control.VELOCITY, Control.TRACK, Control.ACCEL, Control.ATTITUDE))
+_QUAT_NORM_TOLERANCE = 1e-3
+_MAX_RATE_RADPS = 20.0
+_OPTION_WPNAV = 1 << 6  # GUID_OPTIONS: positions are flown as waypoints
+_TIMED_CONTROLS = frozenset((Control.VELOCITY, Control.TRACK, Control.ACCEL, Control.ATTITUDE))
 
 Vector = tuple[float, float, float]
-_NONE: Vector = (0.0, 0.0, 0.0)
+_ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """SET_POSITION_TARGET_LOCAL_NED: north, east, down of the origin, of the craft, or of its nose."""
+    """SET_POSITION_TARGET_LOCAL_NED: relative to the origin, the aircraft or its heading, by frame."""
     if craft.mode != Mode.GUIDED:
         return
     frame, mask = message.coordinate_frame, message.type_mask
@@ -52,21 +53,21 @@ def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int],
         return
     position = velocity = accel = None
     if mask & _POS_IGNORE == 0:
-        position = _enu(fleet, craft, frame, message.x, message.y, message.z)
+        position = _to_enu(fleet, craft, frame, message.x, message.y, message.z)
         if frame != dialect.MAV_FRAME_LOCAL_NED:
             here = fleet.position(craft)
             position = (position[0] + here[0], position[1] + here[1], position[2] + here[2])
     if mask & _VEL_IGNORE == 0:
-        velocity = _enu(fleet, craft, frame, message.vx, message.vy, message.vz)
+        velocity = _to_enu(fleet, craft, frame, message.vx, message.vy, message.vz)
     if mask & _ACC_IGNORE == 0:
-        accel = _enu(fleet, craft, frame, message.afx, message.afy, message.afz)
+        accel = _to_enu(fleet, craft, frame, message.afx, message.afy, message.afz)
     yaw = None if mask & _YAW_IGNORE else message.yaw
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
-    _act(fleet, craft, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
+    _set_target(fleet, craft, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
 
 
 def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above the sea, home or the ground."""
+    """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above sea level, home or terrain."""
     if craft.mode != Mode.GUIDED:
         return
     frame, mask = message.coordinate_frame, message.type_mask
@@ -83,12 +84,12 @@ def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int]
     yaw = None if mask & _YAW_IGNORE else message.yaw
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
     if position is not None and velocity is not None and accel is not None:
-        accel = _NONE  # set_destination_posvel takes none
-    _act(fleet, craft, position, velocity, accel, (yaw, rate, False), causes, mask)
+        accel = _ZERO  # set_destination_posvel has no acceleration
+    _set_target(fleet, craft, position, velocity, accel, (yaw, rate, False), causes, mask)
 
 
-def _enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -> Vector:
-    """A vector of the message as east, north, up."""
+def _to_enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -> Vector:
+    """Return a vector of the message as east, north, up."""
     if frame not in _BODY_FRAMES:
         return y, x, -z
     yaw = float(fleet.estimate["yaw"][craft.row])
@@ -96,11 +97,11 @@ def _enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -
 
 
 def sane(vector: Vector | None, most: float) -> bool:
-    """Whether a vector, if there is one, is finite and not absurd."""
+    """Whether a vector, if there is one, is finite and within `most`."""
     return vector is None or all(abs(part) <= most for part in vector)
 
 
-def _act(
+def _set_target(
     fleet: Fleet,
     craft: Craft,
     position: Vector | None,
@@ -110,8 +111,8 @@ def _act(
     causes: Causes,
     mask: int,
 ) -> None:
-    """Do what the combination of fields asks for; stop where it asks for none that there is, or for no number."""
-    good = sane(position, FAR_M) and sane(velocity, _FAST_MPS) and sane(accel, _FAST_MPS)
+    """Fly the requested combination of fields; stop where it is invalid or has a value that is not a number."""
+    good = sane(position, FAR_M) and sane(velocity, _MAX_VELOCITY_MPS) and sane(accel, _MAX_VELOCITY_MPS)
     good = good and all(part is None or math.isfinite(part) for part in yaw[:2])
     forced = bool(mask & _FORCE) and accel is not None
     alone = position is not None and velocity is None and accel is not None
@@ -119,28 +120,28 @@ def _act(
         stop(fleet, craft, causes)
         return
     if not fleet.armed(craft) or fleet.landed(craft) or not (position is None or fence.allows(fleet, craft, position)):
-        return  # a place beyond the fence changes nothing
+        return  # a place outside the fence changes nothing
     craft.target_causes = causes
     if position is not None and velocity is not None:
-        _begin(fleet, craft, Control.TRACK)
+        _start_control(fleet, craft, Control.TRACK)
         fleet.fly(craft, Control.TRACK, velocity)
         fleet.flight["target_pos"][craft.row] = position
     elif position is not None:
         go_to(fleet, craft, position)
     elif velocity is not None:
-        _begin(fleet, craft, Control.VELOCITY)
+        _start_control(fleet, craft, Control.VELOCITY)
         fleet.fly(craft, Control.VELOCITY, velocity)
     else:
-        _begin(fleet, craft, Control.ACCEL)
+        _start_control(fleet, craft, Control.ACCEL)
         fleet.fly(craft, Control.ACCEL)
     if accel is not None:
         fleet.flight["target_acc"][craft.row] = accel
-    _face(fleet, craft, *yaw)
-    _until_stale(fleet, craft)
+    _set_yaw(fleet, craft, *yaw)
+    _restart_timeout(fleet, craft)
 
 
-def _begin(fleet: Fleet, craft: Craft, control: Control) -> None:
-    """Another kind of target starts from where the craft is, at the limits of the WPNAV parameters."""
+def _start_control(fleet: Fleet, craft: Craft, control: Control) -> None:
+    """Start another kind of target from the present state, at the limits of the WPNAV parameters."""
     if fleet.control(craft) != control:
         loop.hold(fleet.estimate, fleet.flight, craft.row)
         fleet.limits(craft)
@@ -148,7 +149,7 @@ def _begin(fleet: Fleet, craft: Craft, control: Control) -> None:
 
 
 def order(fleet: Fleet, craft: Craft, position: Vector, causes: Causes) -> bool:
-    """A place that a command names, in GUIDED: fly there; `False` beyond the fence (ModeGuided::set_destination)."""
+    """Fly to a commanded place in GUIDED; `False` outside the fence (ModeGuided::set_destination)."""
     if not fence.allows(fleet, craft, position):
         return False
     craft.target_causes = causes
@@ -160,20 +161,20 @@ def order(fleet: Fleet, craft: Craft, position: Vector, causes: Causes) -> bool:
 
 
 def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:
-    """Fly to a place and stay."""
-    if int(fleet.param(craft, "GUID_OPTIONS")) & _WAYPOINTS:
+    """Fly to a place and hold it."""
+    if int(fleet.param(craft, "GUID_OPTIONS")) & _OPTION_WPNAV:
         anew = fleet.control(craft) != Control.LEG
         if anew:
             fleet.limits(craft)
         wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(position), anew)
         return
-    _begin(fleet, craft, Control.POSITION)
+    _start_control(fleet, craft, Control.POSITION)
     fleet.fly(craft, Control.POSITION)
     fleet.flight["target_pos"][craft.row] = position
 
 
-def _face(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, relative: bool) -> None:
-    """Turn as asked (ModeGuided::set_yaw_state_rad)."""
+def _set_yaw(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, relative: bool) -> None:
+    """Set the yaw target (ModeGuided::set_yaw_state_rad)."""
     if yaw is not None and relative:
         facing.turn(fleet, craft, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, True)
     elif yaw is not None:
@@ -185,7 +186,7 @@ def _face(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, rel
 
 
 def stop(fleet: Fleet, craft: Craft, causes: Causes) -> None:
-    """Come to rest and hold (ModeGuided::init)."""
+    """Stop and hold (ModeGuided::init)."""
     fleet.timer(craft, Timer.STALE)
     if not fleet.armed(craft) or fleet.landed(craft):
         return
@@ -194,7 +195,7 @@ def stop(fleet: Fleet, craft: Craft, causes: Causes) -> None:
 
 
 def halt(fleet: Fleet, craft: Craft) -> None:
-    """Hold at zero velocity from here on, at the limits of the WPNAV parameters."""
+    """Hold at zero velocity from the present state, at the limits of the WPNAV parameters."""
     loop.hold(fleet.estimate, fleet.flight, craft.row)
     fleet.limits(craft)
     facing.default(fleet, craft)
@@ -202,7 +203,7 @@ def halt(fleet: Fleet, craft: Craft) -> None:
 
 
 def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the fastest)."""
+    """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the maximum)."""
     if craft.mode != Mode.GUIDED:
         return
     mask = message.type_mask
@@ -211,7 +212,7 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
     turned = not mask & _ATTITUDE_IGNORE
     given = mask & _RATES_IGNORE
     bad = bool(mask & _THRUST_IGNORE) or given not in (0, _RATES_IGNORE) or not math.isfinite(message.thrust)
-    bad = bad or (turned and not abs(math.fsum(part * part for part in quat) - 1.0) < _UNIT)
+    bad = bad or (turned and not abs(math.fsum(part * part for part in quat) - 1.0) < _QUAT_NORM_TOLERANCE)
     bad = bad or (given == 0 and not all(math.isfinite(part) for part in rates))
     if bad:
         stop(fleet, craft, causes)
@@ -235,31 +236,33 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
         fleet.fly(craft, Control.ATTITUDE)
     flight["want_climb"][row] = climb_mps
     flight["rates_only"][row] = int(not turned)
-    forward, right, down = (min(max(part, -_SPIN_RADPS), _SPIN_RADPS) for part in rates) if given == 0 else _NONE
+    forward, right, down = (
+        (min(max(part, -_MAX_RATE_RADPS), _MAX_RATE_RADPS) for part in rates) if given == 0 else _ZERO
+    )
     flight["want_rate"][row] = (forward, -right, -down)
     if turned:
         flight["want_quat"][row] = flu_enu(*quat)
-    _until_stale(fleet, craft)
+    _restart_timeout(fleet, craft)
 
 
 def flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
-    """A quaternion front-right-down to north-east-down as front-left-up to east-north-up, of length 1."""
+    """Convert a quaternion from front-right-down, north-east-down to front-left-up, east-north-up, of length 1."""
     scale = math.sqrt(0.5 / (w * w + x * x + y * y + z * z))
-    # half a turn about the north-east line, the rotation, half a turn about the nose
+    # half a turn about the north-east axis, the rotation, half a turn about the forward axis
     a, b, c, d = w + z, x + y, x - y, w - z
     return a * scale, b * scale, c * scale, d * scale
 
 
-def _until_stale(fleet: Fleet, craft: Craft) -> None:
+def _restart_timeout(fleet: Fleet, craft: Craft) -> None:
     fleet.timer(craft, Timer.STALE, fleet.now + from_seconds(max(fleet.param(craft, "GUID_TIMEOUT"), 0.1)))
 
 
 def stale(fleet: Fleet, craft: Craft) -> None:
-    """No new target came in time: stop moving, level out, stop turning (mode_guided.cpp, `get_timeout_ms`)."""
+    """Stop moving, level and stop turning when no new target came in time (mode_guided.cpp, `get_timeout_ms`)."""
     if craft.mode != Mode.GUIDED:
         return
     row, flight, control = craft.row, fleet.flight, fleet.control(craft)
-    if control not in (*_MOVING, Control.POSITION):
+    if control not in (*_TIMED_CONTROLS, Control.POSITION):
         return
     facing.stop_turning(fleet, craft)
     if control == Control.ATTITUDE:

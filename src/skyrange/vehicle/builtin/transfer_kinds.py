@@ -1,6 +1,6 @@
-"""What does the mission protocol have to know of a kind of item? Missions, fences and rally points each fill this in.
+"""Item types of the mission protocol: the interface that missions, fences and rally points each fill in.
 
-ArduPilot's `MissionItemProtocol` is the base of three classes with these very questions (libraries/GCS_MAVLink).
+ArduPilot's `MissionItemProtocol` is the base class of three classes with these methods (libraries/GCS_MAVLink).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
 
 Partner = tuple[int, int]
-"""System and component of who is spoken to."""
+"""System id and component id of the other side."""
 
 
-_BEYOND = 200.0  # degrees
+_INVALID_DEG = 200.0  # degrees
 
 
 class ItemKind(NamedTuple):
@@ -24,23 +24,23 @@ class ItemKind(NamedTuple):
 
     number: int
     most: int
-    """Items that fit."""
+    """Maximum number of items."""
     timeout: str
-    """What is said when an upload is given up."""
+    """Text sent when an upload is abandoned."""
     items: Callable[[Craft], list[Slot]]
-    """What is stored."""
+    """Return the stored items."""
     begin: Callable[[Craft, Upload, int | None], None]
-    """An upload of so many items starts, or (`None`) one of a part of those that there are."""
+    """Start an upload of so many items, or (`None`) of a part of the present ones."""
     put: Callable[[Craft, Upload, Any, Causes], int]
-    """Take one item of it."""
+    """Store one item of an upload."""
     complete: Callable[[Fleet, Craft, Upload, Causes], int]
-    """All are there."""
+    """Finish an upload whose items have all arrived."""
     stopped: Callable[[Fleet, Craft], None]
-    """An upload was given up."""
+    """Process an abandoned upload."""
     message: Callable[[Fleet, Craft, int, Partner, bool], Any]
-    """One item as MISSION_ITEM_INT (`True`) or MISSION_ITEM; `None` where there is none of that number."""
+    """Return one item as MISSION_ITEM_INT (`True`) or MISSION_ITEM; `None` for an unknown number."""
     clear: Callable[[Fleet, Craft, Causes], bool]
-    """Forget all; `False` where that is refused."""
+    """Remove all items; `False` where that is refused."""
 
 
 def plain_kind(
@@ -53,11 +53,11 @@ def plain_kind(
     complete: Callable[[Fleet, Craft, Upload, Causes], int],
     clear: Callable[[Fleet, Craft, Causes], bool],
 ) -> ItemKind:
-    """A kind whose items have one parameter, and where an upload that was given up leaves nothing to be done."""
+    """Return an item type whose items have one parameter and whose abandoned uploads need no action."""
 
     def message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
         slots = items(craft)
-        return _plain_message(number, slots[seq], seq, partner, whole) if seq < len(slots) else None
+        return _encode_simple_item(number, slots[seq], seq, partner, whole) if seq < len(slots) else None
 
     def stopped(fleet: Fleet, craft: Craft) -> None:
         pass
@@ -65,8 +65,8 @@ def plain_kind(
     return ItemKind(number, most, f"{name} upload timeout", items, begin, put, complete, stopped, message, clear)
 
 
-def _plain_message(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
-    """A stored item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; param1 is its only parameter."""
+def _encode_simple_item(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
+    """Return a stored item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; param1 is its only parameter."""
     head = (*partner, seq, slot.frame, slot.command, 0, 0, slot.param1, 0.0, 0.0, 0.0)
     if whole:
         return dialect.MAVLink_mission_item_int_message(*head, slot.x, slot.y, slot.z, kind)
@@ -74,8 +74,11 @@ def _plain_message(kind: int, slot: Slot, seq: int, partner: Partner, whole: boo
 
 
 def lat_lon_e7(message: Any) -> tuple[int, int]:
-    """Latitude and longitude of an item in 1e-7 degrees; beyond any place on Earth where they are not numbers."""
+    """Return latitude and longitude of an item in 1e-7 degrees; out of range where they are not numbers."""
     if message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT:
         return message.x, message.y
-    lat, lon = (value if math.isfinite(value) and abs(value) < _BEYOND else _BEYOND for value in (message.x, message.y))
+    lat, lon = (
+        value if math.isfinite(value) and abs(value) < _INVALID_DEG else _INVALID_DEG
+        for value in (message.x, message.y)
+    )
     return round(lat * 1e7), round(lon * 1e7)

@@ -1,7 +1,7 @@
-"""Which parameters does each aircraft fly by, in the fast loop? Equal sets of them kept once for a whole fleet.
+"""Gain sets: parameters and gains of the loop, stored once for all aircraft with equal values.
 
-Of a thousand aircraft most have the same parameters. Kept per aircraft, they and the gains that follow from them would
-be the larger part of what the processor has to fetch at every tick.
+Of a thousand aircraft most have the same parameters. Stored per aircraft, they and the gains computed from them would
+be the larger part of the data that the processor loads in every tick.
 """
 
 from __future__ import annotations
@@ -17,35 +17,35 @@ from skyrange.vehicle.builtin.layout import GAINS, Records, zeros
 from skyrange.world.airframes import AIRFRAMES
 
 TUNE_NS = 100 * NS_PER_MS
-"""A parameter that changes in flight acts in the fast loop within this time."""
+"""A parameter changed in flight takes effect in the loop within this time."""
 
 
 class Tuning:
-    """The distinct sets of parameters among some aircraft. Deep copies go on alike."""
+    """The distinct sets of parameters among some aircraft. A deep copy continues identically."""
 
     def __init__(self, airframes: Sequence[str], settings: Records) -> None:
-        """`airframes` names each aircraft's; `settings` (n,) SETTINGS may change later: see `renew`."""
+        """`airframes` names each aircraft's airframe; `settings` (n,) SETTINGS may change later: see `update`."""
         self._settings = settings
         names = sorted(set(airframes))
         self._names = names
         self._frames = np.array([names.index(name) for name in airframes], dtype=np.int64)
-        self._seen = b""
+        self._applied = b""
         self._dt_s = 0.0
         self.which: NDArray[np.int64] = np.zeros(len(airframes), dtype=np.int64)
-        """(n,) each aircraft's row in `sets` and `gains`."""
+        """(n,) row of each aircraft in `settings` and `gains`."""
         self.sets: Records = settings[:0].copy()
         """(sets,) SETTINGS."""
         self.gains: Records = zeros(GAINS, 0)
         """(sets,) GAINS."""
 
     def renew(self, now: Time, dt_s: float) -> None:
-        """Take up what has changed; `dt_s` is the step that gains are worked out for."""
+        """Apply changed parameters; `dt_s` is the step that the gains are computed for."""
         if dt_s == self._dt_s and now % TUNE_NS != 0:
             return
         seen = self._settings.tobytes()
-        if dt_s == self._dt_s and seen == self._seen:
+        if dt_s == self._dt_s and seen == self._applied:
             return
-        self._seen, self._dt_s = seen, dt_s
+        self._applied, self._dt_s = seen, dt_s
         keys = np.hstack(
             [self._settings.view(np.uint8).reshape(len(self.which), -1), self._frames.view(np.uint8).reshape(-1, 8)]
         )

@@ -1,7 +1,7 @@
-"""What does the array side remember, to notice trouble? Record layouts: the battery, the fence, and the watch.
+"""Record layouts of the checks: battery state, fence state, and the state of failsafes and pre-arm checks.
 
-One record per aircraft, like those of `layout`. Moments are nanoseconds of simulated time, 0 where there was none yet.
-Telemetry reads `POWER` and `BOUNDARY`; `WATCH.prearm_ok` is SYS_STATUS's MAV_SYS_STATUS_PREARM_CHECK.
+One record per aircraft, like those of `layout`. Times are nanoseconds of simulated time, 0 for never. Telemetry reads
+`BATTERY_STATE` and `FENCE_STATE`; `CHECK_STATE.prearm_ok` is SYS_STATUS's MAV_SYS_STATUS_PREARM_CHECK.
 """
 
 from __future__ import annotations
@@ -11,23 +11,23 @@ from typing import Final
 import numpy as np
 
 NO_PRIORITY: Final = 127
-"""`POWER.priority` before any battery failsafe: below every action (AP_BattMonitor's INT8_MAX)."""
+"""`BATTERY_STATE.priority` before any battery failsafe: lower than every action (AP_BattMonitor's INT8_MAX)."""
 
 POWER: Final = np.dtype(
     [
         ("voltage", "f8"),  # V
         ("current", "f8"),  # A
-        ("resting_v", "f8"),  # V, the sag taken out; never below the voltage
+        ("resting_v", "f8"),  # V, estimated without the sag; never below the voltage
         ("consumed_mah", "f8"),
         ("consumed_wh", "f8"),
         ("remaining_pct", "i8"),  # of BATT_CAPACITY; -1 unknown
         ("level", "i8"),  # 0 none, 1 unhealthy, 2 low, 3 critical (AP_BattMonitor::Failsafe)
-        ("noticed", "i8"),  # the level that the check has seen, which `level` follows when it is acted upon
-        ("low_ns", "i8"),  # since when the voltage is low
+        ("noticed", "i8"),  # the level found by the check; `level` follows when it is acted upon
+        ("low_ns", "i8"),  # when the voltage became low
         ("critical_ns", "i8"),
-        ("priority", "i8"),  # the highest that a failsafe's action had; smaller is higher
-        ("tripped", "i8"),  # 1 once a battery failsafe was raised
-        # the estimate of the inner resistance
+        ("priority", "i8"),  # the highest priority of a failsafe action so far; smaller is higher
+        ("tripped", "i8"),  # 1 after a battery failsafe
+        # estimate of the internal resistance
         ("resistance", "f8"),  # ohm
         ("most_a", "f8"),
         ("slow_v", "f8"),
@@ -40,45 +40,66 @@ POWER: Final = np.dtype(
 
 BOUNDARY: Final = np.dtype(
     [
-        ("enabled", "i8"),  # kinds in force: 1 highest altitude, 2 circle around home, 4 polygons, 8 lowest altitude
-        ("breached", "i8"),  # kinds breached now
-        ("fresh", "i8"),  # kinds breached newly at this check
-        ("closed", "i8"),  # kinds switched off at this check for landing
-        ("opened", "i8"),  # 1: the lowest altitude was switched on at this check
-        ("count", "i8"),  # breaches so far
+        ("enabled", "i8"),  # types in force: 1 maximum altitude, 2 circle around home, 4 polygons, 8 minimum altitude
+        ("breached", "i8"),  # types breached now
+        ("fresh", "i8"),  # types newly breached at this check
+        ("closed", "i8"),  # types disabled at this check for landing
+        ("opened", "i8"),  # 1: the minimum altitude was enabled at this check
+        ("count", "i8"),  # number of breaches
         ("breach_ns", "i8"),
         ("told_ns", "i8"),  # when FENCE_STATUS was last sent for a breach
-        ("recovery_ns", "i8"),  # when a mode was last chosen during a breach
-        ("floor", "i8"),  # 0 as parameters say, 1 enabled by hand, 2 disabled by hand
-        ("enable_was", "i8"),  # parameters at the last check
+        ("recovery_ns", "i8"),  # when a mode was last chosen during a breach (manual recovery)
+        ("floor", "i8"),  # minimum altitude: 0 by parameters, 1 enabled manually, 2 disabled manually
+        ("enable_was", "i8"),  # FENCE_ENABLE and FENCE_AUTOENABLE at the last check
         ("auto_was", "i8"),
-        # where a breach becomes a new one; 0 none
+        # where a further breach is recorded; 0 none
         ("backup_max_m", "f8"),
         ("backup_min_m", "f8"),
         ("backup_circle_m", "f8"),
-        # how far outside, negative inside
+        # distance outside, negative inside
         ("over_m", "f8"),
         ("under_m", "f8"),
         ("circle_m", "f8"),
         ("polygon_m", "f8"),
     ]
 )
-"""After AC_Fence.h."""
+"""After AC_Fence.h; fence types are bits of `fence.FenceType`."""
+
+MAX_FENCE_ITEMS: Final = 70
+"""Points of all zones together: (48 + 256 + 256) / 8 bytes (StorageManager.cpp StorageFence, 15 areas; `max_items`)."""
+
+POLYGON_IN: Final = 1
+POLYGON_OUT: Final = 2
+CIRCLE_IN: Final = 3
+CIRCLE_OUT: Final = 4
+
+ZONES: Final = np.dtype(
+    [
+        ("count", "i8"),  # number of zones
+        ("tightest", "f8"),  # m, radius of the smallest inclusion circle; 0 none
+        ("kind", "i8", (MAX_FENCE_ITEMS,)),  # per zone: one of the constants above
+        ("first", "i8", (MAX_FENCE_ITEMS,)),  # index of its first point
+        ("size", "i8", (MAX_FENCE_ITEMS,)),  # number of its points
+        ("radius", "f8", (MAX_FENCE_ITEMS,)),  # m, of circles
+        ("point", "f8", (MAX_FENCE_ITEMS, 2)),  # east, north, m
+    ]
+)
+"""Zones of a fence: its polygons and circles, local metres."""
 
 WATCH: Final = np.dtype(
     [
-        ("alarms", "i8"),  # Alarms raised by the last check
+        ("alarms", "i8"),  # Alarms of the last check
         ("home", "f8", (3,)),  # m
-        ("located", "i8"),  # 1 once there was a position: home is set
+        ("located", "i8"),  # 1 after the first valid position: home is set
         # ground station
-        ("station_ns", "i8"),  # its last heartbeat
+        ("station_ns", "i8"),  # time of its last heartbeat
         ("station_lost", "i8"),
         # estimator
         ("ekf_count", "i8"),
-        ("ekf_passed", "i8"),  # its checks have ever passed
+        ("ekf_passed", "i8"),  # 1 after the first passed check
         ("ekf_bad", "i8"),
-        ("ekf_lost", "i8"),  # the failsafe is on
-        ("ekf_told", "i8"),  # ... and was raised while armed, so that its end is told
+        ("ekf_lost", "i8"),  # 1: the failsafe is active
+        ("ekf_told", "i8"),  # 1: it was raised while armed, so its end is reported
         ("ekf_warned_ns", "i8"),
         ("vel_slow", "f8"),  # filtered ratios
         ("pos_slow", "f8"),
@@ -86,20 +107,20 @@ WATCH: Final = np.dtype(
         # dead reckoning
         ("reckoning", "i8"),
         ("reckoning_ns", "i8"),
-        ("reckoning_over", "i8"),  # for longer than FS_DR_TIMEOUT
-        ("reckoning_lost", "i8"),  # the failsafe is on
-        ("thrust_ns", "i8"),  # since when full thrust has not stopped a descent
+        ("reckoning_over", "i8"),  # 1: for longer than FS_DR_TIMEOUT
+        ("reckoning_lost", "i8"),  # 1: the failsafe is active
+        ("thrust_ns", "i8"),  # since when full thrust does not stop the descent
         # pre-arm checks
         ("prearm_ok", "i8"),
-        ("prearm_urgent", "i8"),  # tell soon: they have just begun to fail
+        ("prearm_urgent", "i8"),  # 1: report soon, they have just begun to fail
         ("prearm_told_ns", "i8"),
-        # Remote ID's transmitter
-        ("rid_ns", "i8"),  # its last OPEN_DRONE_ID_ARM_STATUS; 0 never
+        # Remote ID transmitter
+        ("rid_ns", "i8"),  # time of its last OPEN_DRONE_ID_ARM_STATUS
         ("rid_status", "i8"),  # MAV_ODID_ARM_STATUS
-        ("rid_id_type", "i8"),  # of the last OPEN_DRONE_ID_BASIC_ID; 0 none
-        ("rid_operator", "i8"),  # 1: it was told where the operator is
-        ("rid_system_ns", "i8"),  # its last OPEN_DRONE_ID_SYSTEM, or _SYSTEM_UPDATE after one; 0 never
-        ("armed_up_m", "f8"),  # the height at which it was armed last
-        ("crashed", "i8"),  # it was disarmed for a crash, and not armed again
+        ("rid_id_type", "i8"),  # id type of the last OPEN_DRONE_ID_BASIC_ID; 0 none
+        ("rid_operator", "i8"),  # 1: it has an operator location
+        ("rid_system_ns", "i8"),  # time of its last OPEN_DRONE_ID_SYSTEM, or of a _SYSTEM_UPDATE after one
+        ("armed_up_m", "f8"),  # height at the last arming
+        ("crashed", "i8"),  # 1: disarmed for a crash and not armed again
     ]
 )

@@ -1,4 +1,4 @@
-"""How does an aircraft get from waypoint to waypoint? Legs joined at corners, straight or curved.
+"""Waypoint navigation: straight and curved legs, joined at corners (AC_WPNav).
 
 After libraries/AC_WPNav/AC_WPNav.cpp (`wp_and_spline_init_cm`, `set_wp_destination_NEU_cm`,
 `set_wp_destination_next_NEU_cm`, `set_spline_destination_…`, `advance_wp_target_along_track`) and
@@ -20,27 +20,27 @@ from skyrange.vehicle.builtin.layout import Control, Flag, Records
 from skyrange.vehicle.builtin.shaping import clamp, stopping_distance
 
 _LEG = int(Control.LEG)
-_ARRIVED = int(Flag.ARRIVED)
+_DESTINATION_REACHED = int(Flag.ARRIVED)
 _CDEG = math.pi / 18_000.0
 # AC_PosControl.cpp POSCONTROL_STOPPING_DIST_{UP,DOWN}_MAX_M
-_STOP_UP_M = 3.0
-_STOP_DOWN_M = 2.0
+_MAX_STOP_UP_M = 3.0
+_MAX_STOP_DOWN_M = 2.0
 
 
 @kernel
 def stop_point(e: Any, f: Any, p: Any) -> tuple[float, float, float]:
-    """Where the aircraft comes to rest when it brakes now (AC_PosControl::get_stopping_point_…)."""
+    """Return where the aircraft comes to rest if it brakes now (AC_PosControl::get_stopping_point_…)."""
     speed = math.sqrt(e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1])
     ahead_s = 0.0
     if speed > 1e-9:
         ahead_s = stopping_distance(min(speed, f.speed_xy), p.PSC_POSXY_P, f.accel_xy) / speed
-    rise = clamp(stopping_distance(e.vel[2], p.PSC_POSZ_P, f.accel_z), -_STOP_DOWN_M, _STOP_UP_M)
+    rise = clamp(stopping_distance(e.vel[2], p.PSC_POSZ_P, f.accel_z), -_MAX_STOP_DOWN_M, _MAX_STOP_UP_M)
     return e.pos[0] + e.vel[0] * ahead_s, e.pos[1] + e.vel[1] * ahead_s, e.pos[2] + rise
 
 
 @kernel
 def begin(e: Any, f: Any, w: Any, p: Any) -> None:
-    """Forget all legs: the destination reached is where it comes to rest (`wp_and_spline_init_cm`)."""
+    """Reset all legs; the destination reached is the stopping point (`wp_and_spline_init_cm`)."""
     for c in (w.tail, w.leg, w.next):
         scurve.clear(c)
     stop = stop_point(e, f, p)
@@ -61,8 +61,8 @@ def begin(e: Any, f: Any, w: Any, p: Any) -> None:
 
 
 @kernel
-def _curve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:
-    """A straight leg from a point within the limits in force (`calc_scurve_jerk_and_snap`)."""
+def _calculate_scurve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:
+    """Compute a straight leg from a point within the limits in force (`calc_scurve_jerk_and_snap`)."""
     jerk = p.WPNAV_JERK
     snap = jerk * math.pi / (2.0 * max(p.ATC_INPUT_TC, 0.1))
     snap = min(snap, min(p.ATC_ACCEL_R_MAX, p.ATC_ACCEL_P_MAX) * _CDEG * GRAVITY_MPS2)
@@ -72,16 +72,16 @@ def _curve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> N
 
 
 @kernel
-def _start(e: Any, f: Any, w: Any, p: Any) -> None:
+def _init_unless_active(e: Any, f: Any, w: Any, p: Any) -> None:
     if w.reached == 0 or f.control != _LEG:
         begin(e, f, w, p)
     f.control = _LEG
-    f.flags &= ~_ARRIVED
-    f.seen &= ~_ARRIVED
+    f.flags &= ~_DESTINATION_REACHED
+    f.seen &= ~_DESTINATION_REACHED
 
 
 @kernel
-def _to(w: Any, f: Any, de: float, dn: float, du: float) -> None:
+def _set_destination(w: Any, f: Any, de: float, dn: float, du: float) -> None:
     w.goal[0], w.goal[1], w.goal[2] = de, dn, du
     f.target_pos[0], f.target_pos[1], f.target_pos[2] = de, dn, du
     w.reached = 0
@@ -89,8 +89,8 @@ def _to(w: Any, f: Any, de: float, dn: float, du: float) -> None:
 
 @kernel
 def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
-    """Fly to a point: on from the one reached, or from where it comes to rest."""
-    _start(e, f, w, p)
+    """Fly to a point from the destination reached, or from the stopping point."""
+    _init_unless_active(e, f, w, p)
     scurve.clear(w.tail)
     from_speed = 0.0
     if w.curved == 1:
@@ -105,10 +105,10 @@ def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float)
     if w.fast == 1 and w.curved == 0 and w.next_curved == 0 and same and not scurve.finished(w.next):
         scurve.copy(w.leg, w.next)
     else:
-        _curve(f, p, w.leg, w.origin, de, dn, du)
+        _calculate_scurve(f, p, w.leg, w.origin, de, dn, du)
         if from_speed > 0.0:
             scurve.set_origin_speed(w.leg, from_speed)
-    _to(w, f, de, dn, du)
+    _set_destination(w, f, de, dn, du)
     w.curved = 0
     w.next_curved = 0
     scurve.clear(w.next)
@@ -117,8 +117,8 @@ def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float)
 
 @kernel
 def then_straight(f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
-    """After this leg a straight one to a point follows without a stop."""
-    _curve(f, p, w.next, w.goal, de, dn, du)
+    """Let a straight leg to a point follow this leg without a stop."""
+    _calculate_scurve(f, p, w.next, w.goal, de, dn, du)
     if w.curved == 1:
         w.spline.to_speed = min(w.spline.to_speed, scurve.set_origin_speed(w.next, w.spline.to_speed))
     w.next_curved = 0
@@ -127,8 +127,8 @@ def then_straight(f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> No
 
 @kernel
 def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved: bool) -> None:
-    """Fly to a point on a curve that leaves towards `after` (the same point: none, it stops)."""
-    _start(e, f, w, p)
+    """Fly to a point on a curve that departs towards `after`; it stops there if `after` is the same point."""
+    _init_unless_active(e, f, w, p)
     leave = (0.0, 0.0, 0.0)
     if w.fast == 1:
         if w.curved == 1:
@@ -137,7 +137,7 @@ def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved
             leave = (w.goal[0] - w.origin[0], w.goal[1] - w.origin[1], w.goal[2] - w.origin[2])
     for axis in range(3):
         w.origin[axis] = w.goal[axis]
-    # numbers, not arrays: numba cannot make one type of a record's field and an array of its own
+    # numbers, not arrays: numba cannot unify a record's field and a separate array in one type
     x, y, z = goal[0], goal[1], goal[2]
     if after_curved:
         x, y, z = w.origin[0], w.origin[1], w.origin[2]
@@ -147,7 +147,7 @@ def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved
         leave[0], leave[1], leave[2], arrive[0], arrive[1], arrive[2],
     )  # fmt: skip
     w.fast = 0 if arrive[0] == 0.0 and arrive[1] == 0.0 and arrive[2] == 0.0 else 1
-    _to(w, f, goal[0], goal[1], goal[2])
+    _set_destination(w, f, goal[0], goal[1], goal[2])
     w.curved = 1
     w.next_curved = 0
     scurve.clear(w.next)
@@ -155,7 +155,7 @@ def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved
 
 @kernel
 def then_curve(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> None:
-    """After this leg a curve to a point follows, on towards `after`: end this one no faster than that begins."""
+    """Let a curve to a point, departing towards `after`, follow this leg; end this leg at the curve's initial speed."""
     if w.curved == 1:
         leave = (w.spline.leave[0], w.spline.leave[1], w.spline.leave[2])
     else:
@@ -176,8 +176,8 @@ def then_curve(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> Non
 
 
 @kernel
-def _pace(e: Any, f: Any, p: Any, dt_s: float) -> float:
-    """How far to advance along the track in a step: less where the aircraft cannot keep up, as in strong wind.
+def _track_dt(e: Any, f: Any, p: Any, dt_s: float) -> float:
+    """Return how far to advance along the track in a step: less where the aircraft lags, as in strong wind.
 
     `_track_dt_scalar` (advance_wp_target_along_track): with a margin of 5 %, and a time constant of acceleration
     over jerk. Speed and acceleration of the reference are not scaled.
@@ -198,8 +198,8 @@ def _pace(e: Any, f: Any, p: Any, dt_s: float) -> float:
 
 
 @kernel
-def _add(f: Any, c: Any, t: float) -> float:
-    """Add a leg's motion at a time to the reference; how far along it is."""
+def _add_motion(f: Any, c: Any, t: float) -> float:
+    """Add a leg's motion at a time to the reference; return the distance along the leg."""
     s, v, a = scurve.at(c, t)
     for axis in range(3):
         f.ref_pos[axis] += c.unit[axis] * s
@@ -209,14 +209,14 @@ def _add(f: Any, c: Any, t: float) -> float:
 
 
 @kernel
-def _go(f: Any, c: Any, dt_s: float) -> None:
+def _advance_leg(f: Any, c: Any, dt_s: float) -> None:
     c.t = min(c.t + dt_s, scurve.duration(c))
-    c.done = _add(f, c, c.t)
+    c.done = _add_motion(f, c, c.t)
 
 
 @kernel
-def _turn_is_tight(f: Any, w: Any, p: Any) -> bool:
-    """Whether the middle of the turn onto the next leg, begun now, keeps inside radius, speed and accelerations."""
+def _corner_within_limits(f: Any, w: Any, p: Any) -> bool:
+    """Whether the middle of a turn onto the next leg, begun now, keeps within radius, speed and accelerations."""
     half = 0.5 * (scurve.duration(w.leg) - w.leg.t)
     s, v, a = scurve.at(w.leg, w.leg.t + half)
     s2, v2, a2 = scurve.at(w.next, half)
@@ -236,7 +236,7 @@ def _turn_is_tight(f: Any, w: Any, p: Any) -> bool:
             upward = abs(turning)
     radius = p.WPNAV_RADIUS * 0.01
     corner = p.WPNAV_ACCEL_C * 0.01 if p.WPNAV_ACCEL_C > 0.0 else 2.0 * p.WPNAV_ACCEL * 0.01
-    # the next leg stands still until it begins, yet ArduPilot compares with the speed limit along it
+    # the next leg has not begun, yet ArduPilot compares with its speed limit too
     least = min(w.leg.speed, w.next.speed)
     return bool(
         off < radius * radius
@@ -248,12 +248,12 @@ def _turn_is_tight(f: Any, w: Any, p: Any) -> bool:
 
 @kernel
 def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
-    """Advance the reference along the legs; raise ARRIVED once."""
+    """Advance the reference along the legs; raise DESTINATION_REACHED once."""
     if f.replan == 1:
         f.replan = 0
         scurve.set_speed(w.leg, f.speed_xy, f.speed_up, f.speed_down)
         scurve.set_speed(w.next, f.speed_xy, f.speed_up, f.speed_down)
-    step_s = _pace(e, f, p, dt_s)
+    step_s = _track_dt(e, f, p, dt_s)
     if w.curved == 1:
         spline.follow(w.spline, f, step_s)
         for axis in range(3):
@@ -265,15 +265,15 @@ def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
             f.ref_vel[axis] = 0.0
             f.ref_acc[axis] = 0.0
         if w.tail.live == 1:
-            _go(f, w.tail, step_s)
-        _go(f, w.leg, step_s)
+            _advance_leg(f, w.tail, step_s)
+        _advance_leg(f, w.leg, step_s)
         done = scurve.finished(w.leg)
         left = scurve.duration(w.leg) - w.leg.t
         if w.fast == 1 and w.next_curved == 0 and w.next.t == 0.0:
-            if w.leg.t >= scurve.slows_at(w.leg) and left <= scurve.fast_at(w.next) and _turn_is_tight(f, w, p):
-                _go(f, w.next, step_s)
+            if w.leg.t >= scurve.slows_at(w.leg) and left <= scurve.fast_at(w.next) and _corner_within_limits(f, w, p):
+                _advance_leg(f, w.next, step_s)
         elif w.next.t > 0.0:
-            _go(f, w.next, step_s)
+            _advance_leg(f, w.next, step_s)
             done = done or w.next.t >= left
     if w.reached == 1 or not done:
         return
@@ -286,14 +286,14 @@ def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         if off > radius * radius:
             return
     w.reached = 1
-    f.flags |= _ARRIVED
+    f.flags |= _DESTINATION_REACHED
 
 
 @kernel
 def fly_to(
     estimate: Records, flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any], anew: bool
 ) -> None:
-    """`straight_to` for one row; `anew` from where it comes to rest, whatever it is flying."""
+    """Call `set_wp_destination` for one row; with `anew`, from the stopping point, whatever it flies."""
     if anew:
         begin(estimate[row], flight[row], legs[row], settings[row])
     straight_to(estimate[row], flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
@@ -301,7 +301,7 @@ def fly_to(
 
 @kernel
 def fly_on_to(flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any]) -> None:
-    """`then_straight` for one row."""
+    """Call `set_wp_destination_next` for one row."""
     then_straight(flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
 
 
@@ -310,17 +310,17 @@ def curve(
     estimate: Records, flight: Records, legs: Records, settings: Records, row: int,
     goal: NDArray[Any], after: NDArray[Any], after_curved: bool,
 ) -> None:  # fmt: skip
-    """`curve_to` for one row."""
+    """Call `set_spline_destination` for one row."""
     curve_to(estimate[row], flight[row], legs[row], settings[row], goal, after, after_curved)
 
 
 @kernel
 def curve_on(flight: Records, legs: Records, row: int, goal: NDArray[Any], after: NDArray[Any], curved: bool) -> None:
-    """`then_curve` for one row."""
+    """Call `set_spline_destination_next` for one row."""
     then_curve(flight[row], legs[row], goal, after, curved)
 
 
 @kernel
 def rest_at(estimate: Records, flight: Records, settings: Records, row: int) -> tuple[float, float, float]:
-    """`stop_point` of one row."""
+    """Return `stopping_point` of one row."""
     return stop_point(estimate[row], flight[row], settings[row])

@@ -1,7 +1,8 @@
-"""Which commands are obeyed, and what is the answer? MAV_CMD → handler → MAV_RESULT.
+"""Commands: MAV_CMD → handler → MAV_RESULT.
 
-Commands come as COMMAND_INT or COMMAND_LONG (https://mavlink.io/en/services/command.html) and are always answered with
-COMMAND_ACK; one that has no row here is UNSUPPORTED. Results are ArduCopter's (GCS_MAVLink_Copter.cpp, GCS_Common.cpp).
+Commands arrive as COMMAND_INT or COMMAND_LONG (https://mavlink.io/en/services/command.html) and are always answered
+with COMMAND_ACK; one without a row here is UNSUPPORTED. Results are ArduCopter's (GCS_MAVLink_Copter.cpp,
+GCS_Common.cpp).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from skyrange.vehicle.builtin.telemetry.schedule import Schedule
 from skyrange.vehicle.builtin.telemetry.table import BUILDERS, message
 
 Handler = Callable[[Fleet, Schedule, Craft, Command], int | None]
-"""Does it and returns the MAV_RESULT; `None` where the answer has gone out already."""
+"""Executes a command and returns the MAV_RESULT; `None` where the answer has already been sent."""
 
 HANDLERS: Final[dict[int, Handler]] = {
     mav.MAV_CMD_COMPONENT_ARM_DISARM: flying.arm_disarm,
@@ -72,7 +73,7 @@ HANDLERS: Final[dict[int, Handler]] = {
 def on_command(
     fleet: Fleet, schedule: Schedule, craft: Craft, received: Any, partner: tuple[int, int], causes: Causes
 ) -> None:
-    """COMMAND_LONG or COMMAND_INT: do it and answer whoever sent it; messages that were asked for come after."""
+    """COMMAND_LONG or COMMAND_INT: execute it and answer its sender; requested messages follow the answer."""
     command = of(received, partner, causes)
     handler = HANDLERS.get(received.command)
     result = UNSUPPORTED if command is None or handler is None else handler(fleet, schedule, craft, command)

@@ -1,4 +1,4 @@
-"""What is a command, however it came? COMMAND_INT, or a COMMAND_LONG turned into one, and the numbers in its fields.
+"""A received command: COMMAND_INT, or COMMAND_LONG converted to one, and the conversion of its fields.
 
 https://mavlink.io/en/services/command.html and `convert_COMMAND_LONG_to_COMMAND_INT`, `location_from_command_t`,
 `mav_frame_for_command_long` of libraries/GCS_MAVLink/GCS_Common.cpp.
@@ -31,18 +31,18 @@ _LOCATED: Final = frozenset(
         mav.MAV_CMD_EXTERNAL_POSITION_ESTIMATE,
     )
 )
-"""Commands whose fifth and sixth parameter are degrees, 1e-7 degrees as integers (`command_long_stores_location`)."""
+"""Commands whose params 5 and 6 are degrees, as integers 1e-7 degrees (`command_long_stores_location`)."""
 _FRAME_OF_LONG: Final = {
     mav.MAV_CMD_DO_SET_ROI: mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     mav.MAV_CMD_DO_SET_ROI_LOCATION: mav.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     mav.MAV_CMD_DO_SET_HOME: mav.MAV_FRAME_GLOBAL,
 }
-"""The frame that a COMMAND_LONG with a place means; one without a row here is not taken as COMMAND_LONG."""
+"""The frame of a COMMAND_LONG with a place; one without a row here is not accepted as COMMAND_LONG."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command with its parameters; `x` and `y` are integers, `frame` is a MAV_FRAME, `partner` whom to answer."""
+    """A command with its parameters; `x` and `y` are integers, `frame` is a MAV_FRAME, `peer` its sender."""
 
     number: int
     params: tuple[float, float, float, float]
@@ -57,7 +57,7 @@ class Command:
 
 
 def of(message: Any, partner: tuple[int, int], causes: Causes) -> Command | None:
-    """The command of a COMMAND_INT or COMMAND_LONG; `None` where it cannot come as COMMAND_LONG."""
+    """Return the command of a COMMAND_INT or COMMAND_LONG; `None` where it is not accepted as COMMAND_LONG."""
     params = (message.param1, message.param2, message.param3, message.param4)
     number = message.command
     if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_INT:
@@ -73,20 +73,23 @@ def of(message: Any, partner: tuple[int, int], causes: Causes) -> Command | None
 
 
 def int32(value: float) -> int:
-    """A float in a signed 32-bit field. What does not fit, or is no number, becomes the least, which means nothing.
+    """Convert a float to a signed 32-bit integer; what does not fit, or is not a number, becomes the minimum.
 
-    ArduPilot leaves such a conversion to the compiler; this is what x86 makes of it.
+    The minimum is a valid value of no field. ArduPilot leaves this conversion to the compiler; x86 gives this result.
     """
     return int(value) if -(2.0**31) < value < 2.0**31 else -(2**31)
 
 
 def uint32(value: float) -> int:
-    """The same without a sign; there it is the greatest. ArduPilot may read 0 instead, which can mean much."""
+    """Convert a float to an unsigned 32-bit integer; what does not fit becomes the maximum.
+
+    ArduPilot may read 0 instead, which can be a valid value.
+    """
     return int(value) if -1.0 < value < 2.0**32 else 2**32 - 1
 
 
 def uint8(value: float) -> int:
-    """The lowest byte of that."""
+    """Return the lowest byte of `uint32`."""
     return uint32(value) & 0xFF
 
 
@@ -96,7 +99,7 @@ def on_earth(x: int, y: int) -> bool:
 
 
 def place(fleet: Fleet, craft: Craft, command: Command) -> tuple[float, float, float] | None:
-    """The command's place in ENU metres; `None` for an altitude or a frame that cannot be. Terrain is flat."""
+    """Return the command's place in ENU metres; `None` for an invalid altitude or frame. Terrain is flat."""
     if not abs(command.z) <= ALT_MAX_M:
         return None
     if command.frame not in RELATIVE_FRAMES | TERRAIN_FRAMES | ABSOLUTE_FRAMES:

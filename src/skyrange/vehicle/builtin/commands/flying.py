@@ -1,4 +1,4 @@
-"""Which commands make the aircraft fly, and how are they answered? Arming, take-off, modes, speed, yaw, targets.
+"""Flight commands: arming, take-off, modes, speed, yaw and targets.
 
 After ArduCopter/GCS_MAVLink_Copter.cpp (`handle_command_int_packet` and what it calls) and
 `handle_command_component_arm_disarm`, `_set_mode_common` of GCS_Common.cpp.
@@ -31,13 +31,13 @@ from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.switching import set_mode, start_landing
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
 
-_SPEED_TYPES: Final = 4
+_SPEED_TYPE_END: Final = 4
 _CHANGE_MODE: Final = int(mav.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
-_ALT_SENSE_M: Final = 1e5
+_MAX_ALT_M: Final = 1e5
 
 
 def arm_disarm(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """COMPONENT_ARM_DISARM: 2989 in param2 arms without checks, 21196 does, and stops the motors in the air."""
+    """COMPONENT_ARM_DISARM: 2989 in param2 forces arming, 21196 forces it and stops the motors in the air."""
     want, magic = command.params[0], command.params[1]
     if want == 1.0:
         if fleet.armed(craft):
@@ -60,8 +60,8 @@ def takeoff(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) ->
     """NAV_TAKEOFF to a height above home: in GUIDED, armed, on the ground (Mode::do_user_takeoff)."""
     if command.frame != mav.MAV_FRAME_GLOBAL_RELATIVE_ALT:
         return DENIED
-    # ArduCopter makes a whole number of centimetres of it, whatever it is: what is none is refused here
-    if not abs(command.z) <= _ALT_SENSE_M:
+    # ArduCopter converts any value to integer centimetres; a value that is not a number is refused here
+    if not abs(command.z) <= _MAX_ALT_M:
         return DENIED
     up = craft.home[2] + command.z
     if craft.mode != Mode.GUIDED or not fleet.armed(craft) or not fleet.landed(craft) or up <= fleet.position(craft)[2]:
@@ -73,36 +73,36 @@ def takeoff(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) ->
     return ACCEPTED
 
 
-def _enter(fleet: Fleet, craft: Craft, mode: int, causes: Causes) -> int:
+def _change_mode(fleet: Fleet, craft: Craft, mode: int, causes: Causes) -> int:
     return ACCEPTED if set_mode(fleet, craft, mode, "gcs_command", causes) else FAILED
 
 
 def land(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """NAV_LAND: LAND here, wherever the command says."""
-    return _enter(fleet, craft, Mode.LAND, command.causes)
+    """NAV_LAND: LAND at the present position, whatever place the command names."""
+    return _change_mode(fleet, craft, Mode.LAND, command.causes)
 
 
 def go_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """NAV_RETURN_TO_LAUNCH: RTL."""
-    return _enter(fleet, craft, Mode.RTL, command.causes)
+    """NAV_RETURN_TO_LAUNCH: change to RTL."""
+    return _change_mode(fleet, craft, Mode.RTL, command.causes)
 
 
 def loiter(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """NAV_LOITER_UNLIM: LOITER."""
-    return _enter(fleet, craft, Mode.LOITER, command.causes)
+    """NAV_LOITER_UNLIM: change to LOITER."""
+    return _change_mode(fleet, craft, Mode.LOITER, command.causes)
 
 
 def choose_mode(fleet: Fleet, craft: Craft, base_mode: int, number: int, causes: Causes) -> int:
-    """Change the mode as SET_MODE or DO_SET_MODE ask; a safety switch, which the base mode can mean, is not fitted."""
+    """Change the mode (SET_MODE, DO_SET_MODE). There is no safety switch, which the base mode can also address."""
     if base_mode & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-        return _enter(fleet, craft, number, causes)
+        return _change_mode(fleet, craft, number, causes)
     if base_mode == mav.MAV_MODE_FLAG_DECODE_POSITION_SAFETY and number in (0, 1):
         return ACCEPTED if number == 0 else FAILED
     return DENIED
 
 
 def do_set_mode(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_SET_MODE. What is no number chooses no mode, though ArduCopter would read mode 0, STABILIZE, from it."""
+    """DO_SET_MODE. A value that is not a number is denied, where ArduCopter would read mode 0, STABILIZE."""
     base, number = command.params[0], command.params[1]
     if not (math.isfinite(base) and math.isfinite(number)):
         return DENIED
@@ -110,9 +110,9 @@ def do_set_mode(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command
 
 
 def mission_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """MISSION_START: the whole mission; the aircraft may leave the ground."""
+    """MISSION_START: fly the whole mission; the aircraft may leave the ground."""
     if command.params[0] != 0.0 or command.params[1] != 0.0:
-        return DENIED  # a first or last item is not supported
+        return DENIED  # first and last items are not supported
     if not set_mode(fleet, craft, Mode.AUTO, "gcs_command", command.causes):
         return FAILED
     craft.mode_causes = command.causes
@@ -124,9 +124,9 @@ def mission_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comma
 
 
 def change_speed(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_CHANGE_SPEED: level (0, 1), climb (2) or descent (3) speed, until the mode changes."""
+    """DO_CHANGE_SPEED: set the horizontal (0, 1), climb (2) or descent (3) speed until the mode changes."""
     kind, speed = int32(command.params[0]), command.params[1]
-    if not speed > 0.0 or kind == _SPEED_TYPES:
+    if not speed > 0.0 or kind == _SPEED_TYPE_END:
         return DENIED
     if craft.mode not in (Mode.AUTO, Mode.GUIDED, Mode.RTL):
         return FAILED
@@ -134,9 +134,9 @@ def change_speed(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
 
 
 def turn(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """CONDITION_YAW: turn the nose to an angle from north, or by an angle (param4 1), at most as fast as the aircraft.
+    """CONDITION_YAW: turn to an angle from north, or by an angle (param4 1), at most at the maximum rate.
 
-    ArduCopter's automatic yaw does so in any mode, which shows in those that fly by themselves.
+    ArduCopter accepts it in any mode; it takes effect in modes that control the yaw themselves.
     """
     angle, rate, direction, relative = command.params
     if not 0.0 <= angle <= 360.0 or relative not in (0.0, 1.0):
@@ -149,7 +149,7 @@ def turn(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> in
 
 
 def reposition(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_REPOSITION: fly to a place in GUIDED, or (bit 0 of param2) change to it for that. COMMAND_INT only."""
+    """DO_REPOSITION: fly to a place in GUIDED, or (bit 0 of param2) change to GUIDED for it. COMMAND_INT only."""
     may_change = bool(int32(command.params[1]) & _CHANGE_MODE)
     if craft.mode != Mode.GUIDED and not may_change:
         return DENIED
@@ -166,7 +166,7 @@ def reposition(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command)
 
 
 def terminate(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_FLIGHTTERMINATION: stop the motors, wherever it is."""
+    """DO_FLIGHTTERMINATION: stop the motors, also in flight."""
     if not command.params[0] > 0.5:
         return FAILED
     if fleet.armed(craft):
@@ -175,7 +175,7 @@ def terminate(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) 
 
 
 def set_current(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_SET_MISSION_CURRENT; param2 1 clears jump counters and goes on after the end."""
+    """DO_SET_MISSION_CURRENT; param2 1 clears the jump counters and continues after the end."""
     seq = uint32(command.params[0])
     if seq >= len(craft.mission):
         return DENIED
@@ -191,7 +191,7 @@ def set_current(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command
 
 
 def jump_tag(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_JUMP_TAG: no mission item here has a tag."""
+    """DO_JUMP_TAG: no mission item has a tag here."""
     return DENIED if uint32(command.params[0]) > 0xFFFF else FAILED
 
 
@@ -201,7 +201,7 @@ def land_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command)
 
 
 def pause(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_PAUSE_CONTINUE: hold on the way to a place, or go on (`handle_command_pause_continue`)."""
+    """DO_PAUSE_CONTINUE: pause on the way to a place, or continue (`handle_command_pause_continue`)."""
     what = uint8(command.params[0])
     if what > 1:
         return DENIED
@@ -217,7 +217,7 @@ def pause(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> i
 
 
 def motor_test(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_MOTOR_TEST: refused in the air as ArduCopter does; on the ground there is none, as in a build without it."""
+    """DO_MOTOR_TEST: refused in the air as by ArduCopter; unsupported on the ground, as in a build without it."""
     if fleet.landed(craft):
         return UNSUPPORTED
     fleet.text(craft, mav.MAV_SEVERITY_CRITICAL, "Motor Test: vehicle not landed", command.causes)

@@ -1,4 +1,4 @@
-"""Which commands ask for or set what the aircraft tells? Message intervals, single messages, home, the banner.
+"""Commands about telemetry and home: message intervals, single messages, home position, the banner.
 
 After `handle_command_set_message_interval`, `…_get_message_interval`, `…_request_message`, `…_get_home_position`,
 `…_do_set_home` of libraries/GCS_MAVLink/GCS_Common.cpp.
@@ -27,24 +27,24 @@ from skyrange.vehicle.builtin.telemetry.schedule import COLUMN, Schedule
 from skyrange.vehicle.builtin.telemetry.streams import LEAST_MS, default_ns
 from skyrange.vehicle.builtin.telemetry.table import UNASKED
 
-_MOST_MS: Final = 60_000
-_MOST_ID: Final = 2 << 15
-_ASKABLE: Final = COLUMN.keys() - UNASKED
+_MAX_INTERVAL_MS: Final = 60_000
+_MAX_MESSAGE_ID: Final = 2 << 15
+_REQUESTABLE: Final = COLUMN.keys() - UNASKED
 
 
 def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """SET_MESSAGE_INTERVAL: µs; 0 is the default rate, -1 stops. Counted in whole milliseconds, 3 to 60 000."""
+    """SET_MESSAGE_INTERVAL: µs; 0 is the default rate, -1 stops. Rounded down to milliseconds, 3 to 60 000."""
     if command.params[2] != 0.0:
         return DENIED
     message, interval_us = uint32(command.params[0]), int32(command.params[1])
-    if message not in _ASKABLE or interval_us < -1:
+    if message not in _REQUESTABLE or interval_us < -1:
         return DENIED
     if interval_us == 0:
         period = default_ns(fleet, craft, message)
     elif interval_us == -1:
         period = 0
     else:
-        whole_ms = min(max(interval_us // 1000, 1), _MOST_MS)
+        whole_ms = min(max(interval_us // 1000, 1), _MAX_INTERVAL_MS)
         if whole_ms < LEAST_MS:
             words = f"Requested rate for message ID {message} too fast. Increase SCHED_LOOP_RATE"
             fleet.text(craft, mav.MAV_SEVERITY_INFO, words, command.causes)
@@ -54,8 +54,8 @@ def set_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
     return ACCEPTED
 
 
-def _tell_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int) -> int:
-    if message >= _MOST_ID or message not in _ASKABLE:
+def _send_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int) -> int:
+    if message >= _MAX_MESSAGE_ID or message not in _REQUESTABLE:
         fleet.send(craft, mav.MAVLink_message_interval_message(message & 0xFFFF, 0))
         return FAILED
     period_us = int(schedule.period[craft.row, COLUMN[message]]) // 1000
@@ -64,23 +64,23 @@ def _tell_interval(fleet: Fleet, schedule: Schedule, craft: Craft, message: int)
 
 
 def get_interval(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """GET_MESSAGE_INTERVAL: answered with MESSAGE_INTERVAL; -1 is not sent, 0 not known."""
-    return _tell_interval(fleet, schedule, craft, uint32(command.params[0]))
+    """GET_MESSAGE_INTERVAL: answer with MESSAGE_INTERVAL; -1 is not sent, 0 not known."""
+    return _send_interval(fleet, schedule, craft, uint32(command.params[0]))
 
 
 def request_message(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """REQUEST_MESSAGE: accepted for every message that ArduCopter knows; it comes where there is something to say."""
+    """REQUEST_MESSAGE: accepted for every message that ArduCopter knows; it is sent where it has contents."""
     message = uint32(command.params[0])
     if message == mav.MAVLINK_MSG_ID_MESSAGE_INTERVAL:
-        return _tell_interval(fleet, schedule, craft, uint32(command.params[1]))
-    if message not in _ASKABLE:
+        return _send_interval(fleet, schedule, craft, uint32(command.params[1]))
+    if message not in _REQUESTABLE:
         return FAILED
     command.after.append(message)
     return ACCEPTED
 
 
 def capabilities(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """REQUEST_AUTOPILOT_CAPABILITIES: AUTOPILOT_VERSION."""
+    """REQUEST_AUTOPILOT_CAPABILITIES: send AUTOPILOT_VERSION."""
     if command.params[0] != 1.0:
         return FAILED
     command.after.append(mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
@@ -94,13 +94,13 @@ def banner(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> 
 
 
 def get_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """GET_HOME_POSITION: HOME_POSITION and GPS_GLOBAL_ORIGIN."""
+    """GET_HOME_POSITION: send HOME_POSITION and GPS_GLOBAL_ORIGIN."""
     announce(fleet, craft, ())
     return ACCEPTED
 
 
 def do_set_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_SET_HOME: here (param1 1, or latitude and longitude 0), or at a place. Arming does not move it any more."""
+    """DO_SET_HOME: here (param1 1, or latitude and longitude 0), or at a place. Arming then does not move it."""
     if command.params[0] == 1.0 or (command.x == 0 and command.y == 0):
         set_home(fleet, craft, fleet.position(craft), command.causes, lock=True)
         return ACCEPTED

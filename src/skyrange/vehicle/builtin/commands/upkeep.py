@@ -1,7 +1,7 @@
-"""Which commands are about the aircraft as a machine? Reboot, erasing parameters, calibration, and what is not fitted.
+"""System commands: reboot, erasing parameters, calibration, fence, regions of interest, devices that are not fitted.
 
 After `handle_preflight_reboot`, `handle_command_preflight_calibration` and others of
-libraries/GCS_MAVLink/GCS_Common.cpp. What ArduCopter answers with UNSUPPORTED has no handler.
+libraries/GCS_MAVLink/GCS_Common.cpp. Commands that ArduCopter answers with UNSUPPORTED have no handler.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _PARACHUTE_ACTIONS: Final = 3
 
 
 def restart(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int | None:
-    """PREFLIGHT_REBOOT_SHUTDOWN: on the ground, or (20190226 in param6) wherever it is. Acknowledged before."""
+    """PREFLIGHT_REBOOT_SHUTDOWN: disarmed, or (20190226 in param6) in any state. Acknowledged before the reboot."""
     if fleet.armed(craft) and command.y != _FORCE_REBOOT:
         return FAILED
     if command.params[0] not in (1.0, 3.0):
@@ -43,7 +43,7 @@ def restart(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) ->
 
 
 def erase(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """PREFLIGHT_STORAGE: 2 erases all parameters, as the next boot shows."""
+    """PREFLIGHT_STORAGE: 2 erases all parameters, with effect at the next boot."""
     if command.params[0] != 2.0:
         return DENIED
     craft.erased = True
@@ -52,7 +52,7 @@ def erase(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> i
 
 
 def calibrate(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """PREFLIGHT_CALIBRATION: gyros or barometer, disarmed; neither has anything to be calibrated here."""
+    """PREFLIGHT_CALIBRATION: gyros or barometer, disarmed; neither needs calibration here."""
     if fleet.armed(craft):
         fleet.text(craft, mav.MAV_SEVERITY_NOTICE, "Disarm to allow calibration", command.causes)
         return FAILED
@@ -60,7 +60,7 @@ def calibrate(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) 
 
 
 def check_prearm(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """RUN_PREARM_CHECKS: say what stands against arming, if anything does."""
+    """RUN_PREARM_CHECKS: report what prevents arming, if anything does."""
     if fleet.armed(craft):
         return BUSY
     prearm.report(fleet, craft, command.causes)
@@ -76,7 +76,7 @@ def enable_fence(fleet: Fleet, schedule: Schedule, craft: Craft, command: Comman
 
 
 def look_at(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_SET_ROI, DO_SET_ROI_LOCATION: a place to look at."""
+    """DO_SET_ROI, DO_SET_ROI_LOCATION: set a region of interest."""
     where = place(fleet, craft, command)
     if where is None:
         return DENIED
@@ -88,26 +88,26 @@ def look_at(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) ->
 
 
 def look_ahead(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_SET_ROI_NONE: look where the flight goes."""
+    """DO_SET_ROI_NONE: return to the default yaw mode."""
     facing.look_at(fleet, craft, None)
     return ACCEPTED
 
 
 def parachute(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_PARACHUTE: ArduCopter takes the order though it has none."""
+    """DO_PARACHUTE: accepted as by ArduCopter, though none is fitted."""
     return ACCEPTED if uint32(command.params[0]) & 0xFFFF < _PARACHUTE_ACTIONS else FAILED
 
 
 def trap(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DEBUG_TRAP: nothing to trap into."""
+    """DEBUG_TRAP: not supported."""
     return UNSUPPORTED if uint32(command.params[0]) == 32_451 else DENIED
 
 
 def aux_function(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """DO_AUX_FUNCTION: a switch in one of three positions, with no function behind it."""
+    """DO_AUX_FUNCTION: a switch in one of three positions, without a function."""
     return DENIED if command.params[1] > 2.0 else FAILED
 
 
 def not_fitted(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
-    """For what ArduCopter has code for but the aircraft no device."""
+    """Fail commands that ArduCopter supports, for devices that are not fitted."""
     return FAILED

@@ -1,1 +1,1 @@
-"""Where does each aircraft believe it is? ArduPilot's EKF3, reduced to what decides how a flight goes on."""
+"""State estimation: ArduPilot's EKF3, reduced to what determines the course of a flight."""

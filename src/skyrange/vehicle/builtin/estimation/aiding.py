@@ -1,4 +1,4 @@
-"""Is the aircraft still guided by GNSS, and since when not? Time-outs, aiding modes, and checks of the receiver.
+"""GNSS aiding: time-outs, aiding modes, and checks of the receiver.
 
 NavEKF3_core::setAidingMode (AP_NavEKF3_Control.cpp), calcGpsGoodToAlign and calcGpsGoodForFlight
 (AP_NavEKF3_VehicleStatus.cpp), with GNSS as the only aid: no flow, no airspeed, no beacons.
@@ -39,7 +39,7 @@ _HOLD_S = 10.0  # time constant of the peak hold on speed accuracy
 
 @kernel
 def set_position(k: Any, east: float, north: float) -> None:
-    """Put the state at a place and remember how far what is shown jumps."""
+    """Set the horizontal position, and add the jump of the output to the reset deltas."""
     for axis in range(2):
         to = east if axis == 0 else north
         k.shift_pos[axis] += to - (k.pos[axis] - k.slack_pos[axis])
@@ -51,7 +51,7 @@ def set_position(k: Any, east: float, north: float) -> None:
 
 @kernel
 def set_velocity(k: Any, east: float, north: float) -> None:
-    """The same for horizontal velocity."""
+    """Set the horizontal velocity, and add the jump of the output to the reset deltas."""
     for axis in range(2):
         to = east if axis == 0 else north
         k.shift_vel[axis] += to - (k.vel[axis] - k.slack_vel[axis])
@@ -63,7 +63,7 @@ def set_velocity(k: Any, east: float, north: float) -> None:
 
 @kernel
 def check_aiding(k: Any, p: Any, now: int) -> None:
-    """Declare position, velocity, and at last all aiding lost, after EKF3's times without a measurement that passed."""
+    """Declare position, velocity, and finally all aiding lost, after EKF3's times without an accepted measurement."""
     if k.aiding != _ABSOLUTE:
         return
     since_pos = now - k.pos_pass
@@ -81,7 +81,7 @@ def check_aiding(k: Any, p: Any, now: int) -> None:
 
 @kernel
 def stop_aiding(k: Any, p: Any) -> None:
-    """Constant position mode: hold the last known position, as if standing."""
+    """Enter constant position mode: hold the last known position, as if at rest."""
     k.aiding = _NONE
     k.pos_timeout = 1
     k.vel_timeout = 1
@@ -98,7 +98,7 @@ def stop_aiding(k: Any, p: Any) -> None:
 
 @kernel
 def start_aiding(k: Any, p: Any, now: int, fix: Any) -> None:
-    """Begin with a fix (position now, velocity): state and variances from it."""
+    """Start with a fix (present position, velocity): set state and variances from it."""
     k.aiding = _ABSOLUTE
     k.pos_timeout = 0
     k.vel_timeout = 0
@@ -114,7 +114,7 @@ def start_aiding(k: Any, p: Any, now: int, fix: Any) -> None:
 
 @kernel
 def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, satellites: int, scale: float) -> bool:
-    """Whether a fix meets the checks that EK3_GPS_CHECK asks for, its limits times `scale`."""
+    """Whether a fix passes the checks of EK3_GPS_CHECK, their limits multiplied by `scale`."""
     mask = int(p.EK3_GPS_CHECK)
     if mask & _NSATS and satellites < _SATELLITES_MIN:
         return False
@@ -129,7 +129,7 @@ def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, sat
 
 @kernel
 def judge_receiver(k: Any, p: Any, now: int, h_acc: float, v_acc: float, hdop: float, satellites: int) -> None:
-    """Good enough to start with, after 10 s of passing and until 5 s of failing (calcGpsGoodToAlign)."""
+    """Update whether GNSS is good to align: after 10 s of passed, until 5 s of failed checks (calcGpsGoodToAlign)."""
     scale = 0.01 * p.EK3_CHECK_SCALE
     if k.good == 1:
         scale *= _HYSTERESIS
@@ -145,7 +145,7 @@ def judge_receiver(k: Any, p: Any, now: int, h_acc: float, v_acc: float, hdop: f
 
 @kernel
 def judge_flight(k: Any, now: int, gap_ns: int, s_acc: float) -> None:
-    """Glitching or not (calcGpsGoodForFlight): claimed speed accuracy, and innovations within their gates."""
+    """Update whether GNSS is glitching (calcGpsGoodForFlight), from speed accuracy and innovations."""
     k.sacc_low = clamp(0.2 * s_acc + 0.8 * k.sacc_low, 0.0, 10.0)
     decay = clamp(gap_ns / NS_PER_S / _HOLD_S, 0.0, 1.0)
     k.sacc_peak = max(k.sacc_low, (1.0 - decay) * k.sacc_peak)

@@ -1,9 +1,9 @@
-"""What does the compass change? Yaw and the bias of its gyroscope.
+"""Compass fusion: yaw and the bias of the yaw gyroscope.
 
-EKF3 learns the field of the Earth and of the body in six states (FuseMagnetometer). Here the Earth's is known from the
-model that the declination comes from, and the body's is left in the reading: what remains of a reading is one angle,
-weighed with EK3_MAG_M_NSE over the field's horizontal part. The gate is EKF3's, on the three components
-(EK3_MAG_I_GATE): one outside it rejects them all, in flight for as long as it lasts, on the ground for 5 s.
+EKF3 estimates the fields of the Earth and of the body in six states (FuseMagnetometer). Here the Earth's is known from
+the model that also gives the declination, and the body's remains in the reading: a reading is reduced to one angle,
+weighted with EK3_MAG_M_NSE over the horizontal part of the field. The gate is EKF3's, on the three components
+(EK3_MAG_I_GATE): one outside it rejects all of them, in flight for as long as it lasts, on the ground for 5 s.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from skyrange.vehicle.builtin.shaping import clamp
 
 _YAW = int(News.YAW_RESET)
 _RATE_SCALE = 0.005  # magVarRateScale, gauss per rad/s
-_LEAST_GAUSS = 0.05
-"""Less of a horizontal field names no direction: near a magnetic pole, or where there is no compass."""
+_MIN_FIELD_GAUSS = 0.05
+"""A smaller horizontal field gives no direction: near a magnetic pole, or without a compass."""
 _YAW_SD_RAD = math.radians(5.0)
 
 
 @kernel
 def turned(e: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
-    """A reading, as the believed attitude turns it to east, north and up."""
+    """Rotate a reading to east, north and up with the estimated attitude."""
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
     north = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
@@ -37,7 +37,7 @@ def turned(e: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
 
 @kernel
 def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Triple, armed: bool) -> None:
-    """Use a reading that is new, as the barometer's."""
+    """Fuse a reading that is new."""
     since = now - k.compass_at
     same = compass[0] == k.compass[0] and compass[1] == k.compass[1] and compass[2] == k.compass[2]
     if since < INTERVAL_MIN_NS or (same and since < HEIGHT_NS):
@@ -51,7 +51,7 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Tripl
     k.compass_at = now
     east, north, up = turned(e, compass[0], compass[1], compass[2])
     level = math.sqrt(field[0] * field[0] + field[1] * field[1])
-    if level < _LEAST_GAUSS or east * east + north * north < _LEAST_GAUSS * _LEAST_GAUSS:
+    if level < _MIN_FIELD_GAUSS or east * east + north * north < _MIN_FIELD_GAUSS * _MIN_FIELD_GAUSS:
         return
     rate2 = k.rate[0] ** 2 + k.rate[1] ** 2 + k.rate[2] ** 2
     noise = clamp(p.EK3_MAG_M_NSE, 0.01, 0.5) ** 2 + _RATE_SCALE * _RATE_SCALE * rate2
@@ -78,7 +78,7 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Tripl
 
 @kernel
 def align_yaw(e: Any, k: Any, by: float) -> None:
-    """Turn the believed attitude about the vertical, by any angle."""
+    """Turn the estimated attitude about the vertical, by any angle."""
     cosine, sine = math.cos(0.5 * by), math.sin(0.5 * by)
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     e.quat[0] = w * cosine - z * sine

@@ -1,14 +1,15 @@
-"""How sure is the filter, and what does a measurement tell? Three small Kalman filters in error form.
+"""Covariances of the estimator, and the updates by measurements: three small Kalman filters in error form.
 
-EKF3 has 24 states with one covariance. Near hover its blocks are weakly coupled, and they are kept apart here:
+EKF3 has 24 states with one covariance. Near hover its blocks are weakly coupled; here they are separate:
 
-- level: position, velocity, tilt, gyro bias of one horizontal axis. East and north have the same noise, the same
+- horizontal: position, velocity, tilt, gyro bias of one horizontal axis. East and north have the same noise, the same
   measurements and the same dynamics (tilt times g is acceleration), so one 4 x 4 matrix serves both.
-- up: height, climb rate, accelerometer bias.
-- turn: yaw, gyro bias.
+- vertical: height, climb rate, accelerometer bias.
+- yaw: yaw, gyro bias.
 
-Packed upper triangles: level (pp, pv, pt, pb, vv, vt, vb, tt, tb, bb), up (pp, pv, pa, vv, va, aa), turn (yy, yb, bb).
-Process noise is EKF3's (CovariancePrediction): EK3_ACC_P_NSE and EK3_GYRO_P_NSE per sample of EKF_TARGET_DT.
+Packed upper triangles: horizontal (pp, pv, pt, pb, vv, vt, vb, tt, tb, bb), vertical (pp, pv, pa, vv, va, aa), yaw
+(yy, yb, bb). Process noise is EKF3's (CovariancePrediction): EK3_ACC_P_NSE and EK3_GYRO_P_NSE per sample of
+EKF_TARGET_DT.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from skyrange.vehicle.builtin.shaping import clamp
 
 @kernel
 def predict(k: Any, p: Any, dt_s: float) -> None:
-    """Let the uncertainty grow over a step."""
+    """Add the uncertainty of a step."""
     noise_s = TARGET_DT_S * dt_s
     spread = p.EK3_ACC_P_NSE if k.bad == 0 else ACCEL_NOISE_MPS2
     accel = spread * spread * noise_s
@@ -63,7 +64,7 @@ def predict(k: Any, p: Any, dt_s: float) -> None:
     u[3] = clamp(vv - dt_s * va - dt_s * (va - dt_s * aa) + accel, VARIANCE_MIN, VEL_VARIANCE_MAX)
     u[4] = va - dt_s * aa
     u[5] = min(aa + accel_bias, 1.0)
-    if k.bad == 1:  # ConstrainVariances: no surer than the sensors
+    if k.bad == 1:  # ConstrainVariances: variances not below those of the sensors
         u[0] = max(u[0], p.EK3_ALT_M_NSE * p.EK3_ALT_M_NSE)
         u[3] = max(u[3], p.EK3_VELD_M_NSE * p.EK3_VELD_M_NSE)
 
@@ -75,7 +76,7 @@ def predict(k: Any, p: Any, dt_s: float) -> None:
 
 @kernel
 def take_level(c: Any, a: float, b: float, d: float, g: float, variance: float) -> tuple[float, float, float, float]:
-    """Gains of a level measurement whose row of the matrix is (a, b, d, g), and the matrix after it."""
+    """Update the horizontal covariance by a measurement whose row is (a, b, d, g); return the gains."""
     k_p, k_v, k_t, k_b = a / variance, b / variance, d / variance, g / variance
     c[0] -= k_p * a
     c[1] -= k_p * b
@@ -92,7 +93,7 @@ def take_level(c: Any, a: float, b: float, d: float, g: float, variance: float) 
 
 @kernel
 def take_up(c: Any, a: float, b: float, d: float, variance: float) -> tuple[float, float, float]:
-    """The same for up: row (a, b, d)."""
+    """Update the vertical covariance by a measurement whose row is (a, b, d); return the gains."""
     k_p, k_v, k_a = a / variance, b / variance, d / variance
     c[0] -= k_p * a
     c[1] -= k_p * b
@@ -105,7 +106,7 @@ def take_up(c: Any, a: float, b: float, d: float, variance: float) -> tuple[floa
 
 @kernel
 def correct_level(e: Any, k: Any, gains: tuple[float, float, float, float], east: float, north: float) -> None:
-    """Move the state by two innovations (measured less believed)."""
+    """Correct the state by two innovations (measured minus estimated)."""
     k_p, k_v, k_t, k_b = gains
     for axis in range(2):
         by = east if axis == 0 else north
@@ -115,14 +116,14 @@ def correct_level(e: Any, k: Any, gains: tuple[float, float, float, float], east
         k.vel[axis] += k_v * by
         k.slack_vel[axis] += k_v * by
         k.moved_vel[axis] += k_v * by
-    # leaning about north accelerates east, about east accelerates south
+    # tilt about north accelerates east, about east accelerates south
     turn_attitude(e, -k_t * north, k_t * east, 0.0)
     shift_gyro_bias(e, k, k_b * north, -k_b * east, 0.0)
 
 
 @kernel
 def correct_up(k: Any, gains: tuple[float, float, float], by: float) -> None:
-    """Move height, climb rate and bias by an innovation."""
+    """Correct height, climb rate and bias by an innovation."""
     k_p, k_v, k_a = gains
     k.pos[2] += k_p * by
     k.slack_pos[2] += k_p * by
@@ -147,7 +148,7 @@ def turn_attitude(e: Any, east: float, north: float, up: float) -> None:
 
 @kernel
 def shift_gyro_bias(e: Any, k: Any, east: float, north: float, up: float) -> None:
-    """Add a vector of the local frame, rad/s, to the gyro bias, which is of the body."""
+    """Add a vector of the local frame, rad/s, to the gyro bias, which is in the body frame."""
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     k.gyro_bias[0] += (1 - 2 * (y * y + z * z)) * east + 2 * (x * y + w * z) * north + 2 * (x * z - w * y) * up
     k.gyro_bias[1] += 2 * (x * y - w * z) * east + (1 - 2 * (x * x + z * z)) * north + 2 * (y * z + w * x) * up
@@ -156,13 +157,13 @@ def shift_gyro_bias(e: Any, k: Any, east: float, north: float, up: float) -> Non
 
 @kernel
 def forget_position(k: Any, variance: float) -> None:
-    """Position known anew with a variance, and correlated with nothing."""
+    """Set the variance of the position and clear its correlations."""
     c = k.level
     c[0], c[1], c[2], c[3] = variance, 0.0, 0.0, 0.0
 
 
 @kernel
 def forget_velocity(k: Any, variance: float) -> None:
-    """The same for horizontal velocity."""
+    """Set the variance of the horizontal velocity and clear its correlations."""
     c = k.level
     c[1], c[4], c[5], c[6] = 0.0, variance, 0.0, 0.0

@@ -1,8 +1,8 @@
-"""When are the accelerometers not believed? When height and climb rate both say so: badIMUdata.
+"""Bad IMU data: accelerometers that disagree with both height and climb rate (badIMUdata).
 
-An impact, or vibration beyond their range, leaves the inertial climb rate wrong, and height runs away with it. GNSS and
-the barometer would be rejected then for as long as their gates say. EKF3 sees that both err to the same side, and for
-10 s takes whatever they measure (NavEKF3_core::FuseVelPosNED, selectHeightForFusion, CovariancePrediction).
+An impact, or vibration beyond their range, leaves the inertial climb rate wrong, and the height diverges with it. GNSS
+and the barometer would then be rejected by their gates. EKF3 detects that both innovations lie on the same side, and
+accepts their measurements for 10 s (NavEKF3_core::FuseVelPosNED, selectHeightForFusion, CovariancePrediction).
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from skyrange.core.time import NS_PER_S
 HOLD_NS: Final = 10 * NS_PER_S
 """BAD_IMU_DATA_HOLD_MS."""
 RESET_NS: Final = NS_PER_S
-"""BAD_IMU_DATA_TIMEOUT_MS: so long without good data, and height is the barometer's."""
+"""BAD_IMU_DATA_TIMEOUT_MS: after this time without good data, the height is reset to the barometer."""
 ACCEL_NOISE_MPS2: Final = 5.0
-"""BAD_IMU_DATA_ACC_P_NSE: the accelerometers' process noise meanwhile."""
+"""BAD_IMU_DATA_ACC_P_NSE: the accelerometers' process noise while their data are bad."""
 
 
 @kernel
 def judge_accelerometers(k: Any, now: int, climb: float, off: float, climb_noise: float, height_noise: float) -> bool:
-    """At a fix: whether to disbelieve; then the climb rate becomes the fix's.
+    """At a fix, return whether IMU data are bad; then the climb rate becomes the fix's.
 
-    `climb` is the fix's, `off` how much that is above the believed one of its time, m/s. Noises are variances. Both
-    innovations must lie beyond three standard deviations to the same side, and beyond two or one soon after.
+    `climb` is the fix's climb rate, `off` its difference to the estimated one at that time, m/s. Noises are variances.
+    Both innovations must lie beyond three standard deviations on the same side; beyond two or one soon afterwards.
     """
     since = now - k.bad_at
     gain = 9.0
@@ -49,6 +49,6 @@ def judge_accelerometers(k: Any, now: int, climb: float, off: float, climb_noise
 
 @kernel
 def height_lost(k: Any, now: int) -> bool:
-    """Whether to put the height back to the barometer's at once."""
+    """Whether to reset the height to the barometer's at once."""
     lost: bool = k.bad == 1 and now - k.good_at > RESET_NS
     return lost

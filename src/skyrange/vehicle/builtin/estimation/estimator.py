@@ -1,7 +1,7 @@
-"""Where does each aircraft believe it is, at every tick? The filter of a whole fleet.
+"""Estimator: the filters of a whole fleet, updated in every tick.
 
-The strapdown runs at every tick, the filter every 10 ms, sensors are used as they say something new. A row's numbers
-depend on its own sensors alone. Nothing that a sensor says, however wrong, makes a number that is not finite.
+The strapdown runs in every tick, the filter every 10 ms; sensors are fused when they have new data. A row's numbers
+depend on its own sensors alone. No sensor value, however wrong, makes a number that is not finite.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ Ints = NDArray[np.int64]
 
 _ABSOLUTE = int(Aiding.ABSOLUTE)
 _NONE = int(Aiding.NONE)
-_VOLTS_MAX = 1000.0  # beyond any battery that flies: a reading stays a number
+_VOLTS_MAX = 1000.0  # more than any flight battery: a reading stays finite
 _AMPERES_MAX = 10_000.0
-_SLOW = 0.05  # UpdateStrapdownEquationsNED: low pass of the acceleration, per step
+_ACCEL_FILTER = 0.05  # UpdateStrapdownEquationsNED: low pass of the acceleration, per step
 _START_VEL_MPS = 0.1
 _START_TILT_RAD = 0.01
-_START_BIAS_RADPS = math.radians(0.15)  # checkGyroCalStatus: what counts as learnt
+_START_BIAS_RADPS = math.radians(0.15)  # checkGyroCalStatus: what counts as calibrated
 _START_ACCEL_MPS2 = 0.1
 _START_YAW_RAD = math.radians(5.0)
 
@@ -72,10 +72,10 @@ def begin(
     which: Ints,
     settings: Records,
 ) -> None:
-    """Start every row as after a boot long past: standing, aligned, its receiver's checks passed if they pass now.
+    """Initialise every row as long after boot: at rest, aligned, receiver checks passed if they pass now.
 
-    Tilt is the accelerometer's, yaw the compass's (or, with none, the estimate's as given), position the fix's (or the
-    estimate's as given), height the barometer's.
+    Tilt is from the accelerometers, yaw from the compass (without one, as given in the estimate), position from the fix
+    (without one, as given), height from the barometer.
     """
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
@@ -175,9 +175,9 @@ def turn(
     which: Ints,
     settings: Records,
 ) -> int:
-    """One tick of every row; where `step_s` is not 0 also a filter step of that length, the `slot`-th.
+    """Run one tick of every row; if `step_s` is not 0, also a filter step of that length, number `slot`.
 
-    Returns how many rows have news.
+    Returns how many rows have new events.
     """
     news = 0
     earth = (field[0], field[1], field[2])
@@ -192,7 +192,7 @@ def turn(
             for axis in range(3):
                 history[i, here, axis] = k.pos[axis] - k.moved_pos[axis]
                 history[i, here, 3 + axis] = k.vel[axis] - k.moved_vel[axis]
-                k.accel_slow[axis] += _SLOW * (e.accel[axis] - k.accel_slow[axis])
+                k.accel_slow[axis] += _ACCEL_FILTER * (e.accel[axis] - k.accel_slow[axis])
             check_aiding(k, p, now)
             predict(k, p, step_s)
             read_compass(e, k, p, now, (compass[i, 0], compass[i, 1], compass[i, 2]), earth, on)
@@ -202,7 +202,7 @@ def turn(
                     e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room
                 )
             read_baro(e, k, p, now, baro[i], on)
-            _settle(e, k, p, step_s)
+            _finish_step(e, k, p, step_s)
             seen = rangefinder[i]
             ranged = math.isfinite(seen) and seen >= 0.0
             e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
@@ -216,8 +216,8 @@ def turn(
 
 
 @kernel
-def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
-    """After a filter step: let corrections in over EK3_TAU_OUTPUT, keep attitude a rotation and biases in bounds."""
+def _finish_step(e: Any, k: Any, p: Any, step_s: float) -> None:
+    """After a filter step, apply corrections over EK3_TAU_OUTPUT, normalise the attitude and limit the biases."""
     keep = 1.0 - step_s / max(clamp(0.01 * p.EK3_TAU_OUTPUT, 0.1, 0.5), step_s)
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     norm = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
@@ -232,41 +232,41 @@ def _settle(e: Any, k: Any, p: Any, step_s: float) -> None:
 
 
 class Estimator:
-    """The filters of one engine's aircraft. Deep copies go on alike."""
+    """The filters of one engine's aircraft. A deep copy continues identically."""
 
     def __init__(self, count: int, origin: Origin) -> None:
-        """`origin` says which way the compass points where the fleet flies."""
+        """`origin` gives the magnetic field where the fleet flies."""
         self.filters, self._history = blank(count)
         self._field = np.array(field_at(origin), dtype=np.float64)
-        self._room = np.zeros(6)
+        self._buffer = np.zeros(6)
         self._slot = 0
-        self._stepped: Time | None = None
+        self._last_step: Time | None = None
 
     def update(
         self, now: Time, dt_s: float, sensors: Sensors, estimate: Records, armed: Ints, which: Ints, settings: Records
     ) -> int:
-        """Take one tick's sensors, `dt_s` after the last; `estimate` then says what is believed.
+        """Process one tick's sensors, `dt_s` after the last; `estimate` then holds the estimated state.
 
-        At the first call `estimate` holds where each aircraft is known to stand, and which way it looks. `armed` is
-        (n,), not 0 where motors may turn; `which` (n,) the row in `settings` of each. Returns how many aircraft's
-        filters have news (`filters["news"]`), which stand until they are cleared.
+        At the first call `estimate` holds the known initial position and yaw of each aircraft. `armed` is (n,), not 0
+        where motors may turn; `which` (n,) the row in `settings` of each. Returns how many aircraft have new events
+        (`filters["events"]`), which stay until they are cleared.
         """
         s = sensors
         fix = (s.gnss_fix, s.gnss_satellites, s.gnss_time_ns)
-        if self._stepped is None:
+        if self._last_step is None:
             begin(
                 now, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m, s.compass_gauss, s.gnss_accuracy,
                 *fix, self._field, estimate, self.filters, which, settings,
             )  # fmt: skip
-            self._stepped = now - STEP_NS
+            self._last_step = now - STEP_NS
             dt_s = 0.0
         step_s = 0.0
-        if now // STEP_NS != self._stepped // STEP_NS:
-            step_s = (now - self._stepped) / NS_PER_S
-            self._stepped = now
+        if now // STEP_NS != self._last_step // STEP_NS:
+            step_s = (now - self._last_step) / NS_PER_S
+            self._last_step = now
             self._slot += 1
         return turn(
             now, dt_s, step_s, self._slot, s.gyro_radps, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m,
-            s.rangefinder_m, s.compass_gauss, s.gnss_accuracy, *fix, s.battery_v, s.battery_a, self._field, self._room,
-            armed, self._history, estimate, self.filters, which, settings,
+            s.rangefinder_m, s.compass_gauss, s.gnss_accuracy, *fix, s.battery_v, s.battery_a, self._field,
+            self._buffer, armed, self._history, estimate, self.filters, which, settings,
         )  # fmt: skip

@@ -1,8 +1,8 @@
-"""What does a GNSS fix change? Read it, test it against its gates, then fuse it, reject it, or be reset to it.
+"""GNSS fusion: a fix is read, tested against its gates, then fused, rejected, or used for a reset.
 
 NavEKF3_core::readGpsData (AP_NavEKF3_Measurements.cpp), FuseVelPosNED, ResetPosition and ResetVelocity
-(AP_NavEKF3_PosVelFusion.cpp). A fix is some tenths of a second old: it is compared with where the aircraft was then,
-and the correction is made to where it is now and to all that lies between, as EKF3 does with its delayed time horizon.
+(AP_NavEKF3_PosVelFusion.cpp). A fix is some tenths of a second old: it is compared with the state at its time, and the
+correction is applied to the present state and to all states in between, as in EKF3's delayed time horizon.
 """
 
 from __future__ import annotations
@@ -40,30 +40,30 @@ from skyrange.vehicle.builtin.shaping import clamp
 
 _NONE = int(Aiding.NONE)
 _FIX_3D = 3
-_WORST_M = 100.0
-_WORST_MPS = 50.0
+_MAX_ACCURACY_M = 100.0
+_MAX_ACCURACY_MPS = 50.0
 _VEL_ACCEL = 0.05  # gpsNEVelVarAccScale
-_ENVELOPE = 0.2  # per second: how fast a bad claim of accuracy is forgotten (0.0002 per ms)
-_RANGE_ERROR_M = 1.5  # what a claimed accuracy is divided by for a dilution of precision
-_LATEST_NS = 10 * NS_PER_S
+_ACCURACY_DECAY = 0.2  # per second: decay of a bad stated accuracy (0.0002 per ms)
+_RANGE_ERROR_M = 1.5  # stated accuracy over dilution of precision
+_MAX_GAP_NS = 10 * NS_PER_S
 
 
 @kernel
 def gate(percent: float) -> float:
-    """A gate's square: `EK3_…_I_GATE` is in hundredths of a standard deviation, at least one."""
+    """Return a gate's square: `EK3_…_I_GATE` is in hundredths of a standard deviation, at least one."""
     wide = max(0.01 * percent, 1.0)
     return wide * wide
 
 
 @kernel
 def claimed(value: float, worst: float) -> float:
-    """An accuracy as the receiver claims it, where that makes sense."""
+    """Return the receiver's stated accuracy, or `worst` where it is not a number."""
     return clamp(value, 0.0, worst) if value == value else worst
 
 
 @kernel
 def see_receiver(e: Any, k: Any, now: int, kind: int, satellites: int) -> None:
-    """What the receiver says of itself, at every step."""
+    """Update the receiver's status, in every step."""
     e.gnss_fix = min(max(kind, 0), 8)
     e.gnss_sats = min(max(satellites, 0), 255)
     e.gnss_age_s = (now - k.fix_at) / NS_PER_S
@@ -86,7 +86,7 @@ def read_fix(
     slot: int,
     fix: Any,
 ) -> None:
-    """Judge a new fix and use it. `fix` is room for six numbers."""
+    """Check a new fix and fuse it. `fix` is a buffer of six numbers."""
     k.fix_time = time
     if kind < _FIX_3D:
         return
@@ -102,48 +102,48 @@ def read_fix(
         e.gnss_pos[axis] = fix[axis]
         e.gnss_vel[axis] = fix[3 + axis]
         k.gnss_vel[axis] = fix[3 + axis]
-    h_acc = claimed(accuracy[i, 0], _WORST_M)
-    v_acc = claimed(accuracy[i, 1], _WORST_M)
-    s_acc = claimed(accuracy[i, 2], _WORST_MPS)
+    h_acc = claimed(accuracy[i, 0], _MAX_ACCURACY_M)
+    v_acc = claimed(accuracy[i, 1], _MAX_ACCURACY_M)
+    s_acc = claimed(accuracy[i, 2], _MAX_ACCURACY_MPS)
     e.gnss_acc[0], e.gnss_acc[1], e.gnss_acc[2] = h_acc, v_acc, s_acc
     hdop = clamp(h_acc / _RANGE_ERROR_M, 0.5, 99.99)
     e.gnss_hdop = hdop
-    gap = min(max(now - k.fix_at, 0), _LATEST_NS)
+    gap = min(max(now - k.fix_at, 0), _MAX_GAP_NS)
     k.fix_at = now
     e.gnss_age_s = 0.0
-    keep = 1.0 - clamp(_ENVELOPE * gap / NS_PER_S, 0.0, 1.0)
-    k.spd_acc = clamp(max(k.spd_acc * keep, s_acc), p.EK3_VELNE_M_NSE, _WORST_MPS)
-    k.pos_acc = clamp(max(k.pos_acc * keep, h_acc), p.EK3_POSNE_M_NSE, _WORST_M)
+    keep = 1.0 - clamp(_ACCURACY_DECAY * gap / NS_PER_S, 0.0, 1.0)
+    k.spd_acc = clamp(max(k.spd_acc * keep, s_acc), p.EK3_VELNE_M_NSE, _MAX_ACCURACY_MPS)
+    k.pos_acc = clamp(max(k.pos_acc * keep, h_acc), p.EK3_POSNE_M_NSE, _MAX_ACCURACY_M)
     judge_receiver(k, p, now, h_acc, v_acc, hdop, satellites)
     judge_flight(k, now, gap, s_acc)
 
     late = min(max(now - time, 0), (SLOTS - 2) * STEP_NS)
     if k.aiding == _NONE:
         if k.good == 1:
-            _bring_up(fix, late)
+            _extrapolate(fix, late)
             start_aiding(k, p, now, fix)
             e.resets += 1
         return
     then = history[i, (slot - (late + STEP_NS // 2) // STEP_NS) & (SLOTS - 1)]
-    _use_fix(e, k, p, now, satellites, late, fix, then)
+    _fuse_vel_pos(e, k, p, now, satellites, late, fix, then)
 
 
 @kernel
-def _bring_up(fix: Any, late: int) -> None:
-    """Where a fix would be now, at its own velocity (ResetPosition's tdiff)."""
+def _extrapolate(fix: Any, late: int) -> None:
+    """Extrapolate a fix to the present at its own velocity (ResetPosition's tdiff)."""
     fix[0] += fix[3] * late / NS_PER_S
     fix[1] += fix[4] * late / NS_PER_S
 
 
 @kernel
-def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:
-    """FuseVelPosNED for one fix: position's test first, then velocity's, then the fusion of what passed."""
+def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:
+    """FuseVelPosNED for one fix: test position, test velocity, then fuse what passed."""
     noise = 1.0 if satellites >= 6 else (1.4 if satellites == 5 else 2.0)  # gpsNoiseScaler
     speed_of_turn2 = k.accel_slow[0] ** 2 + k.accel_slow[1] ** 2 + k.accel_slow[2] ** 2
     vel_check = clamp(p.EK3_VELNE_M_NSE, 0.05, 5.0) ** 2 + _VEL_ACCEL * _VEL_ACCEL * speed_of_turn2
-    pos_noise = clamp(k.pos_acc, p.EK3_POSNE_M_NSE, _WORST_M) ** 2
-    vel_noise = clamp(k.spd_acc, p.EK3_VELNE_M_NSE, _WORST_MPS) ** 2
-    climb_noise = clamp(k.spd_acc, p.EK3_VELD_M_NSE, _WORST_MPS) ** 2
+    pos_noise = clamp(k.pos_acc, p.EK3_POSNE_M_NSE, _MAX_ACCURACY_M) ** 2
+    vel_noise = clamp(k.spd_acc, p.EK3_VELNE_M_NSE, _MAX_ACCURACY_MPS) ** 2
+    climb_noise = clamp(k.spd_acc, p.EK3_VELD_M_NSE, _MAX_ACCURACY_MPS) ** 2
     d_e = fix[0] - then[0] - k.moved_pos[0]
     d_n = fix[1] - then[1] - k.moved_pos[1]
     v_e = fix[3] - then[3] - k.moved_vel[0]
@@ -159,7 +159,7 @@ def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: 
     pos_passed = k.pos_test < 1.0
     if pos_passed:
         k.pos_pass = now
-    elif p.EK3_GLITCH_RAD <= 0.0:  # no radius: what is far counts as much as what is at the gate
+    elif p.EK3_GLITCH_RAD <= 0.0:  # no radius: an outlier is fused with the weight of one at the gate
         k.pos_pass = now
         widen_pos = k.pos_test
         pos_passed = True
@@ -191,7 +191,7 @@ def _use_fix(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: 
             _reset_velocity(k, p, now, fix)
         elif passed or bad:
             _fuse_velocity(e, k, v_e, v_n, v_u, vel_noise * noise * noise, climb_noise * noise * noise, widen_vel)
-            if fuse_pos:  # what the velocity has moved already
+            if fuse_pos:  # minus what the velocity fusion has corrected
                 d_e = fix[0] - then[0] - k.moved_pos[0]
                 d_n = fix[1] - then[1] - k.moved_pos[1]
     if fuse_pos:
@@ -212,7 +212,7 @@ def _fuse_velocity(
 
 @kernel
 def _reset_position(e: Any, k: Any, p: Any, now: int, late: int, fix: Any) -> None:
-    """Believe the fix, whatever was believed before; then as unsure as half the glitch radius."""
+    """Reset the position to the fix, with half the glitch radius as its standard deviation."""
     set_position(k, fix[0] + fix[3] * late / NS_PER_S, fix[1] + fix[4] * late / NS_PER_S)
     forget_position(k, (0.5 * p.EK3_GLITCH_RAD) ** 2)
     k.pos_timeout = 0

@@ -1,8 +1,8 @@
-"""What does the barometer change? Height and climb rate; and without aiding, the assumption of standing still.
+"""Barometer fusion: height and climb rate; without aiding, also the assumption of rest.
 
 NavEKF3_core::selectHeightForFusion, the height part of FuseVelPosNED, and ResetHeight
 (AP_NavEKF3_PosVelFusion.cpp), with the barometer as the source of height (EK3_SRC1_POSZ 1). GNSS height is not used,
-as it is not there.
+as in that configuration.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from skyrange.vehicle.builtin.shaping import clamp
 _NONE = int(Aiding.NONE)
 _HEIGHT = int(News.HEIGHT_RESET)
 _FRESH_NS = 500 * NS_PER_MS
-_STANDING_M = 0.5  # FuseVelPosNED: noise of the assumed position before take-off
+_REST_NOISE_M = 0.5  # FuseVelPosNED: noise of the assumed position before take-off
 
 
 @kernel
 def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> None:
-    """Use a height that is new: another value, at most every 50 ms, or the same one after 100 ms."""
+    """Fuse a height that is new: another value, at most every 50 ms, or the same one after 100 ms."""
     since = now - k.baro_at
     if since < INTERVAL_MIN_NS or (height == k.baro and since < HEIGHT_NS):
         return
     if height != height:
-        _time_out(k, now)
+        _update_timeout(k, now)
         return
     k.baro = clamp(height, HEIGHT_MIN_M, HEIGHT_MAX_M)
     k.baro_at = now
     e.baro_up = k.baro
     if k.aiding == _NONE:
-        _stand(e, k, p, armed)
+        _fuse_rest(e, k, p, armed)
     noise = clamp(p.EK3_ALT_M_NSE, 0.1, 100.0) ** 2
     by = k.baro - k.pos[2]
     variance = k.up[0] + noise
@@ -56,24 +56,24 @@ def read_baro(e: Any, k: Any, p: Any, now: int, height: float, armed: bool) -> N
     if passed:
         k.hgt_pass = now
     if k.hgt_timeout == 1:
-        _reset(k, p, now, noise, armed)
+        _reset_height(k, p, now, noise, armed)
     elif passed or k.bad == 1:
         u = k.up
         correct_up(k, take_up(u, u[0], u[1], u[2], variance), by)
     most = clamp(p.EK3_ACC_BIAS_LIM, 0.0, 5.0)
     k.accel_bias = clamp(k.accel_bias, -most, most)
-    _time_out(k, now)
+    _update_timeout(k, now)
 
 
 @kernel
-def _time_out(k: Any, now: int) -> None:
+def _update_timeout(k: Any, now: int) -> None:
     retry = HGT_RETRY_VEL_NS if k.vel_timeout == 0 else HGT_RETRY_NS
     k.hgt_timeout = 1 if now - k.hgt_pass > retry or height_lost(k, now) else 0
 
 
 @kernel
-def _reset(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
-    """Believe the barometer; the climb rate is GNSS's in flight, nothing on the ground."""
+def _reset_height(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
+    """Reset the height to the barometer; the climb rate to GNSS's in flight, to zero on the ground."""
     k.shift_pos[2] += k.baro - (k.pos[2] - k.slack_pos[2])
     k.moved_pos[2] += k.baro - k.pos[2]
     k.pos[2] = k.baro
@@ -98,9 +98,9 @@ def _reset(k: Any, p: Any, now: int, noise: float, armed: bool) -> None:
 
 
 @kernel
-def _stand(e: Any, k: Any, p: Any, armed: bool) -> None:
-    """No aiding: believe to be where it last was, within EK3_NOAID_M_NSE, which keeps tilt from drifting."""
-    noise = clamp(p.EK3_NOAID_M_NSE, 0.5, 50.0) if armed else _STANDING_M
+def _fuse_rest(e: Any, k: Any, p: Any, armed: bool) -> None:
+    """Without aiding, fuse the last known position, with noise EK3_NOAID_M_NSE, which keeps tilt from drifting."""
+    noise = clamp(p.EK3_NOAID_M_NSE, 0.5, 50.0) if armed else _REST_NOISE_M
     c = k.level
     east = k.held[0] - k.pos[0]
     north = k.held[1] - k.pos[1]

@@ -1,7 +1,7 @@
-"""What does the estimator say of itself? Status flags and normalised innovations.
+"""Filter status: flags and normalised innovations.
 
 NavEKF3_core::updateFilterStatus, healthy, getVariances and send_status_report (AP_NavEKF3_Control.cpp,
-AP_NavEKF3_Outputs.cpp): what EKF_STATUS_REPORT carries, and the pre-arm checks and failsafes read.
+AP_NavEKF3_Outputs.cpp): the contents of EKF_STATUS_REPORT, read by pre-arm checks and failsafes.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _GLITCHING = int(Status.GPS_GLITCHING)
 
 @kernel
 def report(e: Any, k: Any, p: Any, ranged: bool) -> None:
-    """Fill the estimate's own account of a filter step; `ranged` is whether the rangefinder sees the ground.
+    """Update the status fields of the estimate; `ranged` is whether the rangefinder sees the ground.
 
     Dead reckoning is a position that has timed out while the wind is known (`doingWindRelNav`), which a copter knows
-    with EK3_DRAG_BCOEF_X or _Y only. What drag would tell is not fused here: the position is extrapolated.
+    only with EK3_DRAG_BCOEF_X or _Y. Drag is not fused here: the position is extrapolated.
     """
     e.vel_ratio = math.sqrt(k.vel_test)
     e.pos_ratio = math.sqrt(k.pos_test)

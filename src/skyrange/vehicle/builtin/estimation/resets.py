@@ -1,11 +1,11 @@
-"""What becomes of the flight when the estimate jumps? References move along, and the jump is told.
+"""Resets of the estimate: references move along with it, and events are reported.
 
-AC_PosControl::handle_ekf_NE_reset and handle_ekf_U_reset put the position and velocity targets where they were relative
-to the estimate, and AC_AttitudeControl's `inertial_frame_reset` does so for yaw: the controllers see no step, and an
-aircraft that holds a place does not move. But a leg of a mission lies on the ground, not on the aircraft:
-AC_WPNav sets the target on it anew at every turn (`advance_wp_target_along_track`), so there the whole jump comes
-back as an error of position, and the aircraft flies it off. A place to go to in GUIDED is approached from the moved
-reference, smoothly. That is how a false position moves a true aircraft.
+AC_PosControl::handle_ekf_NE_reset and handle_ekf_U_reset keep the position and velocity targets where they were
+relative to the estimate, and AC_AttitudeControl's `inertial_frame_reset` does so for yaw: the controllers see no step,
+and an aircraft that holds a position does not move. But a leg of a mission is fixed to the ground, not to the aircraft:
+AC_WPNav sets the target on it again in every pass (`advance_wp_target_along_track`), so that the whole jump returns as
+an error of position, and the aircraft flies it off. A position target in GUIDED is approached from the moved reference,
+smoothly. This is how a false position moves a real aircraft.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.shaping import wrap_pi
 
-_KINDS = {
+_RESET_NAMES = {
     News.POSITION_RESET: "position",
     News.VELOCITY_RESET: "velocity",
     News.HEIGHT_RESET: "height",
@@ -33,7 +33,7 @@ _KINDS = {
 
 @kernel
 def follow(filters: Records, flight: Records) -> None:
-    """Move every row's reference by what its estimate has jumped, and clear the jumps."""
+    """Move every row's reference by the resets of its estimate, and clear them."""
     for i in range(filters.shape[0]):
         k: Any = filters[i]
         f: Any = flight[i]
@@ -50,10 +50,10 @@ def follow(filters: Records, flight: Records) -> None:
 
 
 def tell(fleet: Fleet, filters: Records) -> None:
-    """Move references along, and say what has happened, in EKF3's words: STATUSTEXT, and a note of each jump.
+    """Move references along and report events: STATUSTEXT in EKF3's words, and a note of each jump.
 
     Notes: `event.estimator` {aiding: "gnss" or "none"} when aiding starts or stops, and {reset, east_m, north_m, up_m}
-    for each jump, its size by which the belief moved.
+    for each jump, with the distance by which the estimate moved.
     """
     rows = np.flatnonzero(filters["news"])
     shifts = filters["shift_pos"][rows].tolist()
@@ -69,7 +69,7 @@ def tell(fleet: Fleet, filters: Records) -> None:
         if news & News.STARTED_AIDING:
             fleet.text(craft, dialect.MAV_SEVERITY_INFO, "EKF3 IMU0 is using GPS")
             fleet.note("event.estimator", craft, {"aiding": "gnss"})
-        what = " and ".join(name for kind, name in _KINDS.items() if news & kind)
+        what = " and ".join(name for kind, name in _RESET_NAMES.items() if news & kind)
         sizes = (east, north, up)
         if what and all(map(math.isfinite, sizes)):
             fleet.note("event.estimator", craft, {"reset": what, "east_m": east, "north_m": north, "up_m": up})

@@ -1,7 +1,7 @@
-"""What does the estimator keep of each aircraft? One record, the times it waits for, and what it reports.
+"""State of the estimator: one record per aircraft, EKF3's time-outs and limits, and the events that it reports.
 
 All times and limits are EKF3's own constants (libraries/AP_NavEKF3/AP_NavEKF3.h, AP_NavEKF3_core.h); what an operator
-may set is a parameter (`EK3_…`).
+can set is a parameter (`EK3_…`).
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 
 STEP_NS: Final = 10 * NS_PER_MS
-"""Between two steps of the filter (`fusionTimeStep_ms`); the strapdown runs at every tick."""
+"""Interval of filter steps (`fusionTimeStep_ms`); the strapdown runs in every tick."""
 TARGET_DT_S: Final = 0.012
-"""EKF_TARGET_DT: EKF3's noise parameters mean this step, so the noise added per second is theirs at any step."""
+"""EKF_TARGET_DT: EKF3's noise parameters apply to this step, so the noise added per second is the same at any step."""
 INTERVAL_MIN_NS: Final = 50 * NS_PER_MS
-"""`sensorIntervalMin_ms`: a sensor is read no more often."""
+"""`sensorIntervalMin_ms`: minimum interval between readings of a sensor."""
 HEIGHT_NS: Final = 100 * NS_PER_MS
 """`hgtAvg_ms`."""
 POS_RETRY_USE_VEL_NS: Final = 10 * NS_PER_S
@@ -33,12 +33,12 @@ HGT_RETRY_NS: Final = 5 * NS_PER_S
 """`hgtRetryTimeMode12_ms`."""
 GPS_PASS_NS: Final = 10 * NS_PER_S
 GPS_FAIL_NS: Final = 5 * NS_PER_S
-"""calcGpsGoodToAlign: so long without a failed check to be good, without a passed one to be bad."""
+"""calcGpsGoodToAlign: time without a failed check to be good, and without a passed one to be bad."""
 INNOVATION_FAIL_NS: Final = NS_PER_S
 INNOVATION_PASS_NS: Final = 10 * NS_PER_S
-"""calcGpsGoodForFlight: so long without passing to be glitching, without failing to be well."""
+"""calcGpsGoodForFlight: time without passing to be glitching, and without failing to be good."""
 MAG_RESET_NS: Final = 5 * NS_PER_S
-"""calcGpsGoodToAlign: a compass that disagrees so long on the ground makes the yaw be aligned anew."""
+"""calcGpsGoodToAlign: a compass that disagrees for this time on the ground has the yaw aligned again."""
 
 POS_LIMIT_M: Final = 1.0e6
 HEIGHT_MIN_M: Final = -1.0e4
@@ -51,17 +51,17 @@ POS_VARIANCE_MAX: Final = 1e6
 """ConstrainStates and ConstrainVariances."""
 GYRO_MAX_RADPS: Final = 34.9
 ACCEL_MAX_MPS2: Final = 157.0
-"""Full scale of the inertial sensors, 2000 deg/s and 16 g (ICM-42688-P): more cannot be read."""
+"""Full scale of the inertial sensors, 2000 deg/s and 16 g (ICM-42688-P): larger values cannot be read."""
 
 SLOTS: Final = 32
-"""Past steps kept, to compare a late fix with where the aircraft was when it was measured (`storedOutput`)."""
+"""Past steps stored, to compare a delayed fix with the state when it was measured (`storedOutput`)."""
 
 
 class Aiding(IntEnum):
     """EKF3's PV_AidingMode."""
 
     NONE = 0
-    """Position unknown: held at the last known one, tilt kept by the assumption of standing still."""
+    """Position unknown: held at the last known one, tilt kept by the assumption of rest."""
     ABSOLUTE = 1
     """By GNSS, or by extrapolation while there is none."""
 
@@ -84,7 +84,7 @@ class Status(IntFlag):
 
 
 class News(IntFlag):
-    """What happened in a step that somebody should hear of."""
+    """Events of a step."""
 
     STOPPED_AIDING = 1
     STARTED_AIDING = 2
@@ -96,10 +96,10 @@ class News(IntFlag):
 
 FILTER: Final = np.dtype(
     [
-        # what every tick touches, together: the state, local frame
+        # used in every tick, kept together: the state, local frame
         ("pos", "f8", (3,)),
         ("vel", "f8", (3,)),
-        ("slack_pos", "f8", (3,)),  # corrections made but not shown yet
+        ("slack_pos", "f8", (3,)),  # corrections that the output does not contain yet
         ("slack_vel", "f8", (3,)),
         ("rate", "f8", (3,)),  # the last inertial readings
         ("force", "f8", (3,)),
@@ -107,10 +107,10 @@ FILTER: Final = np.dtype(
         ("accel_bias", "f8"),  # m/s², up
         ("yaw_cos", "f8"),
         ("yaw_sin", "f8"),
-        ("yaw_from", "f8"),  # the yaw of that direction
+        ("yaw_from", "f8"),  # yaw of that direction
         ("aiding", "i8"),
         ("news", "i8"),
-        # the sum of all corrections, and what resets have moved since the references followed
+        # sum of all corrections; deltas of resets that the references have not followed yet
         ("moved_pos", "f8", (3,)),
         ("moved_vel", "f8", (3,)),
         ("shift_pos", "f8", (3,)),
@@ -128,7 +128,7 @@ FILTER: Final = np.dtype(
         ("vel_timeout", "i8"),
         ("hgt_timeout", "i8"),
         ("vel_aiding", "i8"),
-        ("pos_pass", "i8"),  # when each last passed its gate, ns
+        ("pos_pass", "i8"),  # when each was last accepted, ns
         ("vel_pass", "i8"),
         ("hgt_pass", "i8"),
         ("mag_pass", "i8"),
@@ -138,7 +138,7 @@ FILTER: Final = np.dtype(
         ("mag_test", "f8"),
         # GNSS
         ("fix_time", "i8"),  # when the last fix was measured
-        ("fix_at", "i8"),  # when it came
+        ("fix_at", "i8"),  # when it arrived
         ("gnss_vel", "f8", (3,)),
         ("pos_acc", "f8"),
         ("spd_acc", "f8"),
@@ -154,10 +154,10 @@ FILTER: Final = np.dtype(
         # barometer and compass
         ("baro", "f8"),
         ("baro_at", "i8"),
-        ("hgt_off", "f8"),  # the last reading less what was believed, m
+        ("hgt_off", "f8"),  # innovation of the last reading, m
         ("bad", "i8"),  # badIMUdata
         ("bad_at", "i8"),  # when it was last detected
-        ("good_at", "i8"),  # when it was last not
+        ("good_at", "i8"),  # when data were last good
         ("compass", "f8", (3,)),
         ("compass_at", "i8"),
     ]
@@ -166,5 +166,5 @@ FILTER: Final = np.dtype(
 
 
 def blank(count: int) -> Any:
-    """Records and history of a filter that has not been started."""
+    """Return records and history of filters that have not been started."""
     return np.zeros(count, dtype=FILTER), np.zeros((count, SLOTS, 6))

@@ -1,8 +1,8 @@
-"""How does the aircraft's own motion carry the state from tick to tick? Gyroscopes and accelerometers, integrated.
+"""Strapdown inertial navigation: gyroscopes and accelerometers, integrated from tick to tick.
 
 EKF3's UpdateStrapdownEquationsNED and calcOutputStates: attitude by the mean rate, velocity by the specific force in
-the attitude before it, position by the mean of two velocities. What is shown follows the state with the corrections
-let in over EK3_TAU_OUTPUT, so that no measurement makes the controllers jump; attitude is shown as it is.
+the attitude before it, position by the mean of two velocities. The output follows the state with the corrections
+applied over EK3_TAU_OUTPUT, so that no measurement makes the controllers jump; attitude is output as it is.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from skyrange.vehicle.builtin.shaping import clamp
 
 Triple = tuple[float, float, float]
 _NONE = int(Aiding.NONE)
-_SMALL = 0.05  # tangent below which an angle is taken from a series
+_SERIES_LIMIT = 0.05  # tangent below which an angle is computed by a series
 _ACCEL_UNAIDED_MPS2 = 5.0  # UpdateStrapdownEquationsNED: manoeuvres without aiding
 
 
 @kernel
 def reading(value: float, before: float, most: float) -> float:
-    """A sensor's number as it can be: the last one in place of a NaN, full scale in place of more."""
+    """Return a plausible sensor value: the last one instead of a NaN, full scale instead of more."""
     if value != value:
         return before
     return clamp(value, -most, most)
@@ -39,9 +39,10 @@ def reading(value: float, before: float, most: float) -> float:
 
 @kernel
 def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
-    """Advance the state by a tick and show it: everything of the estimate that changes at every tick.
+    """Advance the state by a tick, with everything of the estimate that changes in every tick.
 
-    Readings come as numbers, because a kernel that is given an array counts a reference to it, which takes as long.
+    Readings are passed as numbers because a compiled function that is passed an array counts a reference to it, which
+    takes as long.
     """
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     for axis in range(3):
@@ -88,7 +89,7 @@ def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
     nx = x * cosine + w * tx + y * tz - z * ty
     ny = y * cosine + w * ty + z * tx - x * tz
     nz = z * cosine + w * tz + x * ty - y * tx
-    # one Newton step to unit length: what is left is of the order of rounding
+    # one Newton step to unit length: only rounding errors are left
     norm = 1.5 - 0.5 * (nw * nw + nx * nx + ny * ny + nz * nz)
     e.quat[0] = nw * norm
     e.quat[1] = nx * norm
@@ -98,17 +99,17 @@ def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
 
 @kernel
 def show(e: Any, k: Any) -> None:
-    """Position and velocity as the controllers and the telemetry see them, and the yaw."""
+    """Update position, velocity and yaw of the output, which controllers and telemetry use."""
     for axis in range(3):
         e.pos[axis] = k.pos[axis] - k.slack_pos[axis]
         e.vel[axis] = k.vel[axis] - k.slack_vel[axis]
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     cosine = 1 - 2 * (y * y + z * z)
     sine = 2 * (w * z + x * y)
-    # small turns from a known angle by series, exact to 1e-12: atan2 at every tick would cost as much as all the rest
+    # small changes from a known angle by a series, exact to 1e-12: atan2 in every tick would cost as much as the rest
     across = k.yaw_cos * sine - k.yaw_sin * cosine
     ahead = k.yaw_cos * cosine + k.yaw_sin * sine
-    if abs(across) < _SMALL * ahead:
+    if abs(across) < _SERIES_LIMIT * ahead:
         t = across / ahead
         t2 = t * t
         yaw = k.yaw_from + t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
@@ -126,18 +127,18 @@ def show(e: Any, k: Any) -> None:
 
 @kernel
 def show_lean(e: Any) -> None:
-    """Roll and pitch from the attitude, at every step of the filter."""
+    """Update roll and pitch of the output from the attitude, in every filter step."""
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     across = 2 * (w * x + y * z)
     ahead = 1 - 2 * (x * x + y * y)
-    if abs(across) < _SMALL * ahead:
+    if abs(across) < _SERIES_LIMIT * ahead:
         t = across / ahead
         t2 = t * t
         e.roll = t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
     else:
         e.roll = math.atan2(across, ahead)
     s = 2 * (w * y - z * x)
-    if abs(s) < _SMALL:
+    if abs(s) < _SERIES_LIMIT:
         s2 = s * s
         e.pitch = s * (1.0 + s2 * (1.0 / 6.0 + s2 * (0.075 + s2 * 15.0 / 336.0)))
     else:

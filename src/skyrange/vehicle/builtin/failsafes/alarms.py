@@ -1,4 +1,4 @@
-"""What can a check of the array side raise? Bits, in the order in which they are acted upon.
+"""Alarms of the failsafe checks: bits, in the order in which they are acted upon.
 
 The order is that of ArduCopter's scheduler table (Copter.cpp): fence, battery, ground station and dead reckoning,
 estimator, GNSS.
@@ -10,14 +10,14 @@ from enum import IntFlag
 
 
 class Alarm(IntFlag):
-    """What a check has noticed newly; `WATCH.alarms`."""
+    """New findings of a check; `CHECK_STATE.alarms`."""
 
     FENCE_CHANGED = 1 << 0
-    """The lowest altitude was switched on or off by itself."""
+    """The minimum altitude was enabled automatically, or types were disabled for a landing."""
     FENCE_BREACHED = 1 << 1
     FENCE_CLEARED = 1 << 2
     BATTERY = 1 << 3
-    """A worse level; see `POWER.noticed`."""
+    """A worse level; see `BATTERY_STATE.pending_level`."""
     STATION_LOST = 1 << 4
     STATION_BACK = 1 << 5
     RECKONING_STARTED = 1 << 6

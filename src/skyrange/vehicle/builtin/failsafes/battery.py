@@ -1,4 +1,4 @@
-"""When is the battery too low to go on, and what then? BATT_….
+"""Battery failsafe: low and critical voltage and charge (BATT_…).
 
 After libraries/AP_BattMonitor (AP_BattMonitor_Backend.cpp `check_failsafe_types`, `update_failsafes`;
 AP_BattMonitor.cpp `check_failsafes`) and ArduCopter/events.cpp `handle_battery_failsafe`. Read at 10 Hz, as
@@ -11,10 +11,9 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin import mode_traits
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.battery import measure
-from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, option, should_disarm
+from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, is_landing, option, should_disarm
 from skyrange.vehicle.builtin.failsafes.alarms import Alarm
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
 
@@ -31,7 +30,7 @@ PRIORITIES: Final = (
     Action.SMART_RTL,
     Action.NONE,
 )
-"""Copter.h `_failsafe_priorities`: earlier is higher; an action that is not in it comes last."""
+"""Copter.h `_failsafe_priorities`: earlier is higher; an action that is not listed comes last."""
 _LAND_PRIORITY = 1  # Copter.h FAILSAFE_LAND_PRIORITY
 
 
@@ -42,16 +41,16 @@ def _is_low(volts: float, least: float) -> bool:
 
 
 @kernel
-def _volts_used(p: Any, b: Any) -> float:
-    """The voltage that thresholds are compared to: as measured, or with the sag taken out (BATT_FS_VOLTSRC)."""
+def _compared_voltage(p: Any, b: Any) -> float:
+    """Return the voltage compared with the thresholds: as measured, or without the sag (BATT_FS_VOLTSRC)."""
     volts: float = b.resting_v if p.BATT_FS_VOLTSRC == 1 else b.voltage
     return volts
 
 
 @kernel
 def _level(p: Any, b: Any, now_ns: int) -> int:
-    """The level of trouble: a low voltage counts once it has lasted for BATT_LOW_TIMER, a low charge at once."""
-    volts = _volts_used(p, b)
+    """Return the failsafe level: a low voltage counts once it has lasted for BATT_LOW_TIMER, a low charge at once."""
+    volts = _compared_voltage(p, b)
     left_mah = p.BATT_CAPACITY - b.consumed_mah
     timer_ns = p.BATT_LOW_TIMER * 1e9
     if _is_low(volts, p.BATT_CRT_VOLT):
@@ -77,7 +76,7 @@ def _level(p: Any, b: Any, now_ns: int) -> int:
 
 @kernel
 def check_battery(e: Any, f: Any, p: Any, b: Any, now_ns: int, dt_s: float) -> int:
-    """One aircraft: measure and, while armed, raise an alarm at a level that is worse than any before."""
+    """Check one aircraft: measure and, while armed, raise an alarm at a level worse than any before."""
     if p.BATT_MONITOR == 0:
         b.remaining_pct = -1
         return 0
@@ -89,13 +88,13 @@ def check_battery(e: Any, f: Any, p: Any, b: Any, now_ns: int, dt_s: float) -> i
 
 
 def lands_for_battery(fleet: Fleet, craft: Craft) -> bool:
-    """Whether a battery failsafe is on whose action is to land, which no later failsafe may undo."""
+    """Whether a battery failsafe lands the aircraft, which no later failsafe may undo."""
     power = fleet.power[craft.row]
     return bool(power["tripped"]) and int(power["priority"]) <= _LAND_PRIORITY
 
 
 def worse(fleet: Fleet, craft: Craft) -> None:
-    """The battery is low or critical for the first time: say so; act unless an earlier action ranks higher."""
+    """Report a battery that has become low or critical, and act unless an earlier action has priority."""
     power = fleet.power
     row = craft.row
     level = int(power["noticed"][row])
@@ -108,18 +107,16 @@ def worse(fleet: Fleet, craft: Craft) -> None:
     action = int(fleet.param(craft, name))
     priority = PRIORITIES.index(Action(action)) if action in PRIORITIES else len(PRIORITIES)
     if priority <= power["priority"][row]:
-        _handle(fleet, craft, action)
+        _handle_failsafe(fleet, craft, action)
         power["priority"][row] = priority
 
 
-def _handle(fleet: Fleet, craft: Craft, action: int) -> None:
+def _handle_failsafe(fleet: Fleet, craft: Craft, action: int) -> None:
     if should_disarm(fleet, craft):
         disarm(fleet, craft, "battery_failsafe", ())
         action = Action.NONE
         announce(fleet, craft, "Battery", "Disarming")
-    elif (
-        mode_traits.landing(fleet, craft) and option(fleet, craft, Option.CONTINUE_IF_LANDING) and action != Action.NONE
-    ):
+    elif is_landing(fleet, craft) and option(fleet, craft, Option.CONTINUE_IF_LANDING) and action != Action.NONE:
         action = Action.LAND
         announce(fleet, craft, "Battery", "Continuing Landing")
     else:

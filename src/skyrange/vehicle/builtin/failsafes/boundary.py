@@ -1,4 +1,4 @@
-"""Is the fence breached, and what then? FENCE_ACTION.
+"""Fence failsafe: breaches and FENCE_ACTION.
 
 After libraries/AC_Fence/AC_Fence.cpp (`update`, `check`, `check_fence_…`, `record_breach`, `auto_enable_fence_floor`)
 and ArduCopter/fence.cpp (`fence_checks_async`, `fence_check`). Checked at 10 Hz, where ArduCopter does at 25 Hz.
@@ -25,10 +25,10 @@ from skyrange.vehicle.builtin.telemetry.table import message
 _CHANGED = int(Alarm.FENCE_CHANGED)
 _BREACHED = int(Alarm.FENCE_BREACHED)
 _CLEARED = int(Alarm.FENCE_CLEARED)
-_HIGH = int(fence.Kind.ALT_MAX)
+_ALT_MAX = int(fence.Kind.ALT_MAX)
 _CIRCLE = int(fence.Kind.CIRCLE)
 _POLYGON = int(fence.Kind.POLYGON)
-_LOW = int(fence.Kind.ALT_MIN)
+_ALT_MIN = int(fence.Kind.ALT_MIN)
 _ALL = int(fence.ALL)
 _LAND = int(Control.LAND)
 _BACKUP_M = 20.0  # AC_FENCE_…_BACKUP_DISTANCE of a copter
@@ -42,17 +42,17 @@ _TAKEOFF_AUTO = 1  # FENCE_AUTOENABLE
 
 @kernel
 def _follow_parameters(p: Any, b: Any) -> None:
-    """A changed FENCE_ENABLE or FENCE_AUTOENABLE sets what is in force anew (`update`)."""
+    """A changed FENCE_ENABLE or FENCE_AUTOENABLE sets the types in force again (`update`)."""
     wanted = int(p.FENCE_ENABLE)
     auto = int(p.FENCE_AUTOENABLE)
     if wanted != b.enable_was or auto != b.auto_was:
         b.enable_was = wanted
         b.auto_was = auto
-        b.enabled = (int(p.FENCE_TYPE) & _ALL & ~_LOW) if wanted != 0 else 0
+        b.enabled = (int(p.FENCE_TYPE) & _ALL & ~_ALT_MIN) if wanted != 0 else 0
 
 
 @kernel
-def _record(b: Any, kind: int, now_ns: int) -> int:
+def _record_breach(b: Any, kind: int, now_ns: int) -> int:
     if b.breached == 0:
         b.breach_ns = now_ns
     if b.count < _COUNT_MAX:
@@ -62,27 +62,27 @@ def _record(b: Any, kind: int, now_ns: int) -> int:
 
 
 @kernel
-def _check_high(p: Any, b: Any, above: float, now_ns: int) -> int:
+def _check_alt_max(p: Any, b: Any, above: float, now_ns: int) -> int:
     b.over_m = above - p.FENCE_ALT_MAX
     if above >= p.FENCE_ALT_MAX:
-        if b.breached & _HIGH == 0 or (b.backup_max_m != 0.0 and above >= b.backup_max_m):
+        if b.breached & _ALT_MAX == 0 or (b.backup_max_m != 0.0 and above >= b.backup_max_m):
             b.backup_max_m = above + _BACKUP_M
-            return _record(b, _HIGH, now_ns)
-    elif b.breached & _HIGH != 0:
-        b.breached &= ~_HIGH
+            return _record_breach(b, _ALT_MAX, now_ns)
+    elif b.breached & _ALT_MAX != 0:
+        b.breached &= ~_ALT_MAX
         b.backup_max_m = 0.0
     return 0
 
 
 @kernel
-def _check_low(p: Any, b: Any, above: float, now_ns: int) -> int:
+def _check_alt_min(p: Any, b: Any, above: float, now_ns: int) -> int:
     b.under_m = p.FENCE_ALT_MIN - above
     if above <= p.FENCE_ALT_MIN:
-        if b.breached & _LOW == 0 or (b.backup_min_m != 0.0 and above <= b.backup_min_m):
+        if b.breached & _ALT_MIN == 0 or (b.backup_min_m != 0.0 and above <= b.backup_min_m):
             b.backup_min_m = above - _BACKUP_M
-            return _record(b, _LOW, now_ns)
-    elif b.breached & _LOW != 0:
-        b.breached &= ~_LOW
+            return _record_breach(b, _ALT_MIN, now_ns)
+    elif b.breached & _ALT_MIN != 0:
+        b.breached &= ~_ALT_MIN
         b.backup_min_m = 0.0
     return 0
 
@@ -93,7 +93,7 @@ def _check_circle(p: Any, b: Any, away: float, now_ns: int) -> int:
     if away >= p.FENCE_RADIUS:
         if b.breached & _CIRCLE == 0 or (b.backup_circle_m != 0.0 and away >= b.backup_circle_m):
             b.backup_circle_m = away + _BACKUP_M
-            return _record(b, _CIRCLE, now_ns)
+            return _record_breach(b, _CIRCLE, now_ns)
     elif b.breached & _CIRCLE != 0:
         b.breached &= ~_CIRCLE
         b.backup_circle_m = 0.0
@@ -105,28 +105,28 @@ def _check_polygon(e: Any, p: Any, b: Any, z: Any, now_ns: int) -> int:
     broken, b.polygon_m = outside(z, e.pos[0], e.pos[1], int(p.FENCE_OPTIONS) & _UNION != 0)
     if broken:
         if b.breached & _POLYGON == 0:
-            return _record(b, _POLYGON, now_ns)
+            return _record_breach(b, _POLYGON, now_ns)
     else:
         b.breached &= ~_POLYGON
     return 0
 
 
 @kernel
-def _open_floor(p: Any, b: Any, above: float) -> None:
-    """The lowest altitude comes into force by itself once that is reached (`auto_enable_fence_floor`)."""
+def _auto_enable_alt_min(p: Any, b: Any, above: float) -> None:
+    """Enable the minimum altitude automatically once it is reached (`auto_enable_fence_floor`)."""
     auto = int(p.FENCE_AUTOENABLE)
-    if int(p.FENCE_TYPE) & _LOW == 0 or b.enabled & _LOW != 0 or b.floor == 2:
+    if int(p.FENCE_TYPE) & _ALT_MIN == 0 or b.enabled & _ALT_MIN != 0 or b.floor == 2:
         return
     if b.enabled == 0 and p.FENCE_ENABLE == 0 and auto <= _TAKEOFF_AUTO:
         return
     if above >= p.FENCE_ALT_MIN + p.FENCE_MARGIN:
-        b.enabled |= _LOW
+        b.enabled |= _ALT_MIN
         b.opened = 1
 
 
 @kernel
 def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> int:
-    """One aircraft: alarms raised, with the kinds of `BOUNDARY.fresh` breached newly."""
+    """Check one aircraft and return its alarms; `FENCE_STATE.new_breaches` are the types breached newly."""
     configured = int(p.FENCE_TYPE) & _ALL
     if p.FENCE_ENABLE == 0 and b.enable_was == 0 and p.FENCE_AUTOENABLE == 0 and b.auto_was == 0 and b.enabled == 0:
         return 0
@@ -138,9 +138,9 @@ def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> 
     down = f.control == _LAND or f.landed == 1 or f.armed == 0
     off = 0
     if down:  # get_auto_disable_fences
-        off = _ALL if p.FENCE_AUTOENABLE == _TAKEOFF_AUTO else _LOW
+        off = _ALL if p.FENCE_AUTOENABLE == _TAKEOFF_AUTO else _ALT_MIN
         if b.floor == 1:
-            off &= ~_LOW
+            off &= ~_ALT_MIN
     b.closed = off & b.enabled
     b.breached &= configured & ~b.closed
     b.enabled &= ~off
@@ -149,12 +149,12 @@ def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> 
     if z.count == 0:
         in_force &= ~_POLYGON
     fresh = 0
-    if in_force & _HIGH != 0:
-        fresh |= _check_high(p, b, above, now_ns)
-    if in_force & _LOW != 0:
-        fresh |= _check_low(p, b, above, now_ns)
-    if off & _LOW == 0:
-        _open_floor(p, b, above)
+    if in_force & _ALT_MAX != 0:
+        fresh |= _check_alt_max(p, b, above, now_ns)
+    if in_force & _ALT_MIN != 0:
+        fresh |= _check_alt_min(p, b, above, now_ns)
+    if off & _ALT_MIN == 0:
+        _auto_enable_alt_min(p, b, above)
     if in_force & _CIRCLE != 0:
         fresh |= _check_circle(p, b, math.hypot(e.pos[0] - w.home[0], e.pos[1] - w.home[1]), now_ns)
     if in_force & _POLYGON != 0:
@@ -176,7 +176,7 @@ def check_fence(e: Any, f: Any, p: Any, b: Any, z: Any, w: Any, now_ns: int) -> 
 
 
 def changed(fleet: Fleet, craft: Craft) -> None:
-    """Parts of the fence went out of force for a landing, or the lowest altitude came into force."""
+    """Report types disabled for a landing, or the minimum altitude that was enabled."""
     state = fleet.boundary[craft.row]
     fence.tell(fleet, craft, "auto-disabled", int(state["closed"]))
     if state["opened"]:
@@ -184,14 +184,14 @@ def changed(fleet: Fleet, craft: Craft) -> None:
 
 
 def cleared(fleet: Fleet, craft: Craft) -> None:
-    """It is back inside."""
+    """Report that the aircraft is back inside."""
     if not fleet.landed(craft):
         fleet.text(craft, dialect.MAV_SEVERITY_NOTICE, "Fence breach cleared")
     fleet.note("event.fence_cleared", craft)
 
 
 def breached(fleet: Fleet, craft: Craft) -> None:
-    """A new breach, or one of the backup 20 m further out: say so and act, if armed."""
+    """Report a new breach, or a backup breach 20 m farther out, and act if armed."""
     state = fleet.boundary
     row = craft.row
     kinds = int(state["fresh"][row])
@@ -203,20 +203,22 @@ def breached(fleet: Fleet, craft: Craft) -> None:
     if not fleet.armed(craft):
         return
     fence.tell(fleet, craft, "breached", 0 if fleet.landed(craft) else kinds)
-    fleet.note("event.fence_breach", craft, {"fence": fence.names(kinds), "outside_m": _outside_m(fleet, craft, kinds)})
+    fleet.note(
+        "event.fence_breach", craft, {"fence": fence.names(kinds), "outside_m": _breach_distance_m(fleet, craft, kinds)}
+    )
     action = int(fleet.param(craft, "FENCE_ACTION"))
     if action == 0:
         return
     if fleet.landed(craft):
         disarm(fleet, craft, "fence_breach", ())
-    elif _outside_m(fleet, craft, kinds) > _GIVE_UP_M:
+    elif _breach_distance_m(fleet, craft, kinds) > _GIVE_UP_M:
         set_mode(fleet, craft, Mode.LAND, "fence_breached", ())
     else:
-        _turn_back(fleet, craft, action)
+        _change_mode(fleet, craft, action)
 
 
-def _turn_back(fleet: Fleet, craft: Craft, action: int) -> None:
-    """FENCE_ACTION: 1 RTL, 2 LAND, 3 SmartRTL or RTL, 4 BRAKE, 5 SmartRTL or LAND; LAND where that fails.
+def _change_mode(fleet: Fleet, craft: Craft, action: int) -> None:
+    """FENCE_ACTION: 1 RTL, 2 LAND, 3 SmartRTL or RTL, 4 BRAKE, 5 SmartRTL or LAND; LAND where that is refused.
 
     There is no SmartRTL (`failsafes.actions`), so 3 returns and 5 lands.
     """
@@ -225,8 +227,8 @@ def _turn_back(fleet: Fleet, craft: Craft, action: int) -> None:
         set_mode(fleet, craft, Mode.LAND, "fence_breached", ())
 
 
-def _outside_m(fleet: Fleet, craft: Craft, kinds: int) -> float:
-    """How far outside the worst of some kinds it is, m (`get_breach_distance`)."""
+def _breach_distance_m(fleet: Fleet, craft: Craft, kinds: int) -> float:
+    """Return the largest distance outside some types, m (`get_breach_distance`)."""
     state = fleet.boundary[craft.row]
-    names = {_HIGH: "over_m", _LOW: "under_m", _CIRCLE: "circle_m", _POLYGON: "polygon_m"}
+    names = {_ALT_MAX: "over_m", _ALT_MIN: "under_m", _CIRCLE: "circle_m", _POLYGON: "polygon_m"}
     return max(float(state[name]) for kind, name in names.items() if kinds & kind)

@@ -1,7 +1,7 @@
-"""Has it crashed? FS_CRASH_CHECK.
+"""Crash check: FS_CRASH_CHECK.
 
-After ArduCopter/crash_check.cpp `crash_check`. The loop counts the two seconds (`loop.turn`, Flag.CRASHED); whether
-that is a crash is decided here.
+After ArduCopter/crash_check.cpp `crash_check`. The loop measures the two seconds (`loop.run_loop`,
+FlightEvent.CRASH); this module decides whether it is a crash.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _ACCEL_MAX = 3.0  # CRASH_CHECK_ACCEL_MAX
 
 
 def crashed(fleet: Fleet, craft: Craft) -> None:
-    """Two seconds far from the wanted attitude: disarm, unless the check is off or it hardly leans."""
+    """After two seconds far from the target attitude, disarm, unless the check is off or the lean is small."""
     row, flight, estimate = craft.row, fleet.flight, fleet.estimate
     level = math.cos(float(estimate["roll"][row])) * math.cos(float(estimate["pitch"][row]))
     lean_deg = math.degrees(math.acos(min(max(level, -1.0), 1.0)))

@@ -1,4 +1,4 @@
-"""Can the position estimate be trusted, and what if not? FS_EKF_…, FS_DR_…, GNSS glitches.
+"""EKF failsafe, dead reckoning and GNSS glitches: FS_EKF_…, FS_DR_….
 
 After ArduCopter/ekf_check.cpp (`ekf_check`, `ekf_over_threshold`, `failsafe_ekf_event`, `failsafe_ekf_off_event`) and
 ArduCopter/events.cpp (`gpsglitch_check`, `failsafe_deadreckon_check`), at 10 Hz.
@@ -12,12 +12,11 @@ from typing import Any, Final
 from skyrange.codec.mavlink import dialect
 from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import mode_traits
 from skyrange.vehicle.builtin.arming import disarm
 from skyrange.vehicle.builtin.failsafes.actions import act, land, should_disarm
 from skyrange.vehicle.builtin.failsafes.alarms import Alarm
 from skyrange.vehicle.builtin.fleet import Craft, Fleet
-from skyrange.vehicle.builtin.modes import Mode, known
+from skyrange.vehicle.builtin.modes import NEEDS_POSITION, Mode, known
 from skyrange.vehicle.builtin.switching import set_mode
 
 _BAD = int(Alarm.ESTIMATOR_BAD)
@@ -79,7 +78,7 @@ def _over_threshold(e: Any, p: Any, w: Any, dt_s: float) -> bool:
 
 @kernel
 def check_estimator(e: Any, f: Any, p: Any, w: Any, dt_s: float) -> int:
-    """One aircraft: alarms raised. Ten bad checks more than good ones raise the failsafe, as many good ones end it."""
+    """Check one aircraft: ten more bad checks than good ones raise the failsafe, as many good ones end it."""
     if e.status & _UNINITIALIZED != 0:
         return 0
     if p.FS_EKF_THRESH <= 0.0:
@@ -108,7 +107,7 @@ def check_estimator(e: Any, f: Any, p: Any, w: Any, dt_s: float) -> int:
 
 @kernel
 def check_glitch(e: Any, w: Any) -> int:
-    """One aircraft: whether the estimator has begun or ceased to see a glitch."""
+    """Check one aircraft: whether the estimator begins or ceases to report a glitch."""
     now = 1 if e.status & _GLITCHING != 0 else 0
     if now == w.glitching:
         return 0
@@ -118,7 +117,7 @@ def check_glitch(e: Any, w: Any) -> int:
 
 @kernel
 def check_reckoning(e: Any, p: Any, w: Any, now_ns: int) -> int:
-    """One aircraft: whether dead reckoning has begun, has ended, or has lasted for FS_DR_TIMEOUT."""
+    """Check one aircraft: whether dead reckoning begins, ends, or has lasted for FS_DR_TIMEOUT."""
     alarms = 0
     active = 1 if e.dead_reckoning != 0 else 0
     if active != w.reckoning:
@@ -142,7 +141,7 @@ def check_reckoning(e: Any, p: Any, w: Any, now_ns: int) -> int:
 
 
 def bad(fleet: Fleet, craft: Craft) -> None:
-    """The estimate is not to be trusted: say so, no more than every 30 s, and leave modes that need a position."""
+    """Report an invalid estimate, at most every 30 s, and leave modes that require a position."""
     row, watch = craft.row, fleet.watch
     if fleet.now - int(watch["ekf_warned_ns"][row]) > _WARNING_NS:
         fleet.text(craft, _CRITICAL, "EKF variance")
@@ -156,8 +155,8 @@ def bad(fleet: Fleet, craft: Craft) -> None:
     flight = fleet.flight
     by_position = craft.mode == Mode.LAND and not flight["blind"][row]
     if by_position and action != _REPORT_ONLY:
-        flight["blind"][row] = 1  # LAND goes on level, without a position (ModeLand::do_not_use_GPS)
-    needed = craft.mode in mode_traits.NEEDS_POSITION or action == _LAND_ALWAYS
+        flight["blind"][row] = 1  # LAND continues level, without a position (ModeLand::do_not_use_GPS)
+    needed = craft.mode in NEEDS_POSITION or action == _LAND_ALWAYS
     if action == _REPORT_ONLY or by_position or not needed:
         fleet.text(craft, _CRITICAL, "EKF Failsafe")
         return
@@ -168,7 +167,7 @@ def bad(fleet: Fleet, craft: Craft) -> None:
 
 
 def good(fleet: Fleet, craft: Craft) -> None:
-    """The estimate is to be trusted again; the mode stays."""
+    """Report that the estimate is valid again; the mode stays."""
     row, watch = craft.row, fleet.watch
     if not watch["ekf_lost"][row]:
         return
@@ -180,35 +179,35 @@ def good(fleet: Fleet, craft: Craft) -> None:
 
 
 def glitch_started(fleet: Fleet, craft: Craft) -> None:
-    """The estimator rejects GNSS."""
+    """Report that the estimator rejects GNSS."""
     fleet.text(craft, _CRITICAL, "GPS Glitch or Compass error")
     fleet.note("event.glitch", craft, {"on": True})
 
 
 def glitch_stopped(fleet: Fleet, craft: Craft) -> None:
-    """The estimator takes GNSS again."""
+    """Report that the estimator accepts GNSS again."""
     fleet.text(craft, _CRITICAL, "Glitch cleared")
     fleet.note("event.glitch", craft, {"on": False})
 
 
 def reckoning_started(fleet: Fleet, craft: Craft) -> None:
-    """The position is extrapolated from now on."""
+    """Report that the position is extrapolated."""
     fleet.text(craft, _CRITICAL, "Dead Reckoning started")
 
 
 def reckoning_stopped(fleet: Fleet, craft: Craft) -> None:
-    """The position is measured again, or lost."""
+    """Report that the position is measured again, or lost."""
     fleet.text(craft, _CRITICAL, "Dead Reckoning stopped")
 
 
 def reckoning_over(fleet: Fleet, craft: Craft) -> None:
-    """It has been extrapolated for too long: from now on there is no position, which the estimator check notices."""
+    """Report that dead reckoning has lasted too long: the position is invalid, which the EKF check detects."""
     fleet.text(craft, _CRITICAL, "Dead Reckoning timeout")
 
 
 def reckoning_failsafe(fleet: Fleet, craft: Craft) -> None:
-    """FS_DR_ENABLE's action, in modes that need a position."""
-    if craft.mode not in mode_traits.NEEDS_POSITION:
+    """Execute the action of FS_DR_ENABLE in modes that require a position."""
+    if craft.mode not in NEEDS_POSITION:
         return
     if should_disarm(fleet, craft):
         if fleet.armed(craft):

@@ -1,6 +1,6 @@
-"""When are the failsafes checked, and who acts on what they find? Called at every service, works at 10 Hz and at 1 Hz.
+"""Failsafe checks at 10 Hz and pre-arm checks at 1 Hz, called in every service.
 
-All checks of all aircraft are one kernel; Python runs only for an aircraft that raised an alarm.
+One compiled function runs all checks of all aircraft; Python runs only for an aircraft that raised an alarm.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def check(
     now_ns: int,
     dt_s: float,
 ) -> int:
-    """All checks of every row: sets `WATCH.alarms`; returns how many rows raised any."""
+    """Run all checks of every row: set `CHECK_STATE.alarms` and return how many rows raised any."""
     alarmed = 0
     for i in range(watch.shape[0]):
         e: Any = estimate[i]
@@ -64,7 +64,7 @@ def check(
     return alarmed
 
 
-_ACTS: Final[dict[Alarm, Callable[[Fleet, Craft], None]]] = {
+_HANDLERS: Final[dict[Alarm, Callable[[Fleet, Craft], None]]] = {
     Alarm.FENCE_CHANGED: boundary.changed,
     Alarm.FENCE_BREACHED: boundary.breached,
     Alarm.FENCE_CLEARED: boundary.cleared,
@@ -83,7 +83,7 @@ _ACTS: Final[dict[Alarm, Callable[[Fleet, Craft], None]]] = {
 
 
 def serve(fleet: Fleet, actuators: Floats) -> None:
-    """Check and act, where it is time to; `actuators` (n, motors) are the present commands."""
+    """Check and act where it is time to; `actuators` (n, motors) are the present commands."""
     now = fleet.now
     if now % PERIOD_NS != 0:
         return
@@ -99,17 +99,17 @@ def serve(fleet: Fleet, actuators: Floats) -> None:
         _PERIOD_S,
     )
     if alarmed:
-        _act(fleet, actuators)
+        _handle_alarms(fleet, actuators)
     if now % _PREARM_NS == 0:
         prearm.update(fleet)
 
 
-def _act(fleet: Fleet, actuators: Floats) -> None:
+def _handle_alarms(fleet: Fleet, actuators: Floats) -> None:
     alarms = fleet.watch["alarms"]
     for row in np.flatnonzero(alarms).tolist():
         raised = int(alarms[row])
         craft = fleet.crafts[row]
-        for alarm, act in _ACTS.items():
+        for alarm, act in _HANDLERS.items():
             if raised & alarm:
                 act(fleet, craft)
         if raised & Alarm.THRUST_LOST:
@@ -117,7 +117,7 @@ def _act(fleet: Fleet, actuators: Floats) -> None:
 
 
 def boot(fleet: Fleet, craft: Craft) -> None:
-    """As after power-on: a full battery, nothing in force that a parameter has not put there, nothing noticed."""
+    """Reset to the state after power-on: a full battery, fence by parameters, nothing detected."""
     row = craft.row
     fleet.boundary[row] = np.zeros((), dtype=fleet.boundary.dtype)
     fleet.watch[row] = np.zeros((), dtype=fleet.watch.dtype)

@@ -1,7 +1,7 @@
-"""Has a motor failed? Full thrust, level, in control, and still descending for a second.
+"""Thrust loss check: full thrust, level, in control, and still descending for a second.
 
-After ArduCopter/crash_check.cpp `thrust_loss_check`, at 10 Hz. ArduCopter also boosts the other motors then; here it is
-only told.
+After ArduCopter/crash_check.cpp `thrust_loss_check` and AP_MotorsMatrix.cpp `check_for_failed_motor`, at 10 Hz.
+ArduCopter also boosts the other motors then; here it is only reported.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _OPTION = 1  # FLIGHT_OPTIONS bit 0: DISABLE_THRUST_LOSS_CHECK
 
 @kernel
 def check_thrust(e: Any, f: Any, p: Any, w: Any, now_ns: int) -> int:
-    """One aircraft: an alarm once the condition has held for a second, and again after each further second."""
+    """Check one aircraft: an alarm once the condition has held for a second, and after each further second."""
     failing = (
         f.armed == 1
         and f.landed == 0
@@ -50,6 +50,6 @@ def check_thrust(e: Any, f: Any, p: Any, w: Any, now_ns: int) -> int:
 
 
 def lost(fleet: Fleet, craft: Craft, actuators: Floats) -> None:
-    """Say so, with the number of the motor that works hardest (AP_MotorsMatrix.cpp `check_for_failed_motor`)."""
+    """Report it, with the number of the motor with the highest output (`check_for_failed_motor`)."""
     motor = int(np.argmax(actuators[craft.row])) + 1
     fleet.text(craft, dialect.MAV_SEVERITY_EMERGENCY, f"Potential Thrust Loss ({motor})")

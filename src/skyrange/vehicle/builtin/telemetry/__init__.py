@@ -1,1 +1,1 @@
-"""What does the aircraft report, and how often?"""
+"""Telemetry: the messages that an aircraft sends, and their rates."""

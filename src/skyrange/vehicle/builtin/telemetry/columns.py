@@ -1,9 +1,8 @@
-"""What do the columns of a report need from a fleet? Times, angles, places and whole numbers, by rows.
+"""Conversions for the columns of reports: times, angles, places and integers, by rows.
 
-All of it is vectorised over `rows` (aircraft), or for kernels that fill what is sent most; a row's numbers depend on
-that row alone. Angles turn from this
-project's frames (east-north-up, forward-left-up, counter-clockwise from east) into MAVLink's (north-east-down,
-forward-right-down, clockwise from north).
+Functions are vectorised over `rows` (aircraft), or compiled for the messages that are sent most; a row's numbers depend
+on that row alone. Angles are converted from this project's frames (east-north-up, forward-left-up, counter-clockwise
+from east) to MAVLink's (north-east-down, forward-right-down, clockwise from north).
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from skyrange.vehicle.builtin.fleet import Fleet
 
 Floats = NDArray[np.float64]
 Builder = Callable[[Fleet, Ints, Table], None]
-"""Fills a table, one row per aircraft of `rows`, in wire units; the table comes all zero."""
+"""Fills a table, one row per aircraft of `rows`, in wire units; the table arrives all zero."""
 Asks = Callable[[Fleet, Ints], NDArray[np.bool_]]
 """Whether each of some aircraft has a message to send at all."""
 
@@ -33,21 +32,21 @@ I32 = 2**31 - 1
 
 
 def boot_ms(fleet: Fleet, rows: Ints) -> Ints:
-    """`time_boot_ms`: since the aircraft was switched on, around at 2³² ms."""
+    """Return `time_boot_ms`: since boot, modulo 2³² ms."""
     since: Ints = np.maximum(fleet.now - fleet.boot_ns[rows], 0) // NS_PER_MS & 0xFFFFFFFF
     return since
 
 
 def boot_us(fleet: Fleet, rows: Ints) -> Ints:
-    """`time_usec` as ArduPilot fills it: since boot, never UTC, which is SYSTEM_TIME's to say."""
+    """Return `time_usec` as ArduPilot fills it: since boot, never UTC, which only SYSTEM_TIME has."""
     since: Ints = np.maximum(fleet.now - fleet.boot_ns[rows], 0) // NS_PER_US
     return since
 
 
 def held(values: Floats, most: int, least: int | None = None) -> Floats:
-    """Numbers held between the ends of an integer field (−`most` unless `least` is given), which cuts their fractions.
+    """Limit numbers to an integer field (−`most` unless `least` is given), which truncates their fractions.
 
-    What is no number ends up at an end: `known` keeps such out.
+    A value that is not a number becomes a limit: `finite_or_zeros` removes such values.
     """
     inside: Floats = np.fmin(np.fmax(values, -most if least is None else least), most)
     return inside
@@ -55,7 +54,7 @@ def held(values: Floats, most: int, least: int | None = None) -> Floats:
 
 @kernel
 def whole(value: float, least: int, most: int) -> int:
-    """`held` of one number in a kernel, cut to a whole one."""
+    """Limit one number to an integer range and truncate it, in compiled code."""
     if not value >= least:
         return least
     return most if value > most else int(value)
@@ -63,47 +62,47 @@ def whole(value: float, least: int, most: int) -> int:
 
 @kernel
 def finite(value: float) -> float:
-    """`known` of one number in a kernel."""
+    """Return the number, 0 where it is not finite, in compiled code."""
     return value if math.isfinite(value) else 0.0
 
 
 @kernel
 def since_boot_ms(now: int, boot_ns: int) -> int:
-    """`boot_ms` of one aircraft in a kernel."""
+    """Return `boot_ms` of one aircraft, in compiled code."""
     return max(now - boot_ns, 0) // NS_PER_MS & 0xFFFFFFFF
 
 
 @kernel
 def compass_cdeg(yaw: float) -> int:
-    """`heading_cdeg` of one yaw in a kernel."""
+    """Return `heading_cdeg` of one yaw, in compiled code."""
     return int((0.5 * math.pi - yaw) * (180.0 / math.pi) % 360.0 * 100.0) % 36_000
 
 
 def known(values: Floats) -> Floats:
-    """The same numbers, 0 where there is none yet."""
+    """Return the numbers, 0 where they are not finite."""
     found: Floats = np.where(np.isfinite(values), values, 0.0)
     return found
 
 
 def of_crafts(fleet: Fleet, rows: Ints, read: Callable[[Any], Any], dtype: str = "i8") -> NDArray[Any]:
-    """Something that only the message-rate objects know."""
+    """Read a value from the objects of some aircraft."""
     crafts = fleet.crafts
     return np.array([read(crafts[row]) for row in rows.tolist()], dtype=dtype)
 
 
 def heading_rad(yaw: Floats) -> Floats:
-    """Clockwise from north, −π…π, of a yaw counter-clockwise from east."""
+    """Convert a yaw counter-clockwise from east to clockwise from north, −π…π."""
     turned: Floats = (1.5 * math.pi - yaw) % (2.0 * math.pi) - math.pi
     return turned
 
 
 def heading_cdeg(yaw: Floats) -> Ints:
-    """The same in hundredths of a degree, 0…35999 (`yaw_sensor`)."""
+    """Convert a yaw counter-clockwise from east to hundredths of a degree, 0…35999 (`yaw_sensor`)."""
     return _cdeg(np.degrees(0.5 * math.pi - yaw))
 
 
 def course_cdeg(east: Floats, north: Floats) -> Ints:
-    """Direction of a velocity, clockwise from north, 0…35999."""
+    """Return the direction of a velocity, clockwise from north, hundredths of a degree, 0…35999."""
     return _cdeg(np.degrees(np.arctan2(east, north)))
 
 
@@ -113,17 +112,17 @@ def _cdeg(degrees: Floats) -> Ints:
 
 
 def place_e7(fleet: Fleet, east: Floats, north: Floats) -> tuple[Ints, Ints]:
-    """Latitude and longitude in 1e-7 degrees."""
+    """Return latitude and longitude in 1e-7 degrees."""
     lat, lon = fleet.origin.to_geodetic(east, north)
     return np.rint(lat * 1e7).astype(np.int64), np.rint(lon * 1e7).astype(np.int64)
 
 
 def msl_mm(fleet: Fleet, up: Floats) -> Floats:
-    """Altitude above mean sea level in millimetres, of a height above the origin."""
+    """Return altitude above mean sea level in millimetres, of a height above the origin."""
     return held((fleet.origin.alt_msl_m + up) * 1e3, I32)
 
 
 def homes(fleet: Fleet, rows: Ints) -> Floats:
-    """(n, 3) home, ENU metres."""
+    """Return (n, 3) home positions, ENU metres."""
     found: Floats = fleet.watch["home"][rows]
     return found

@@ -1,4 +1,4 @@
-"""Where is the aircraft and how does it move, as it believes? The reports of attitude, position, course and target.
+"""Reports of estimated motion and targets: attitude, position, course and target.
 
 After libraries/GCS_MAVLink/GCS_Common.cpp (`send_attitude`, `send_global_position_int`, …) and
 ArduCopter/GCS_MAVLink_Copter.cpp (`send_nav_controller_output`, `send_position_target_…`).
@@ -36,7 +36,7 @@ POSITION_KNOWN: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
 _LEG: Final = int(Control.LEG)
 _POSITION_CONTROL: Final = int(Control.POSITION)
 _TAKEOFF: Final = int(Control.TAKEOFF)
-_TRACK: Final = int(Control.TRACK)
+_POS_VEL_ACCEL: Final = int(Control.TRACK)
 _ACCEL_CONTROL: Final = int(Control.ACCEL)
 _ATTITUDE_CONTROL: Final = int(Control.ATTITUDE)
 # POSITION_TARGET_TYPEMASK bits to ignore
@@ -49,11 +49,11 @@ _LAST: Final = 0xF000
 
 def attitude(fleet: Fleet, rows: Ints, out: Table) -> None:
     """ATTITUDE."""
-    _attitudes(fleet.now, rows, fleet.boot_ns, fleet.estimate, out)
+    _fill_attitude(fleet.now, rows, fleet.boot_ns, fleet.estimate, out)
 
 
 @kernel
-def _attitudes(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any) -> None:
+def _fill_attitude(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any) -> None:
     for place in range(rows.shape[0]):
         row = rows[place]
         e: Any = estimate[row]
@@ -68,7 +68,7 @@ def _attitudes(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any) -> 
 
 
 def attitude_quaternion(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """ATTITUDE_QUATERNION: from the body (forward-right-down) to north-east-down."""
+    """ATTITUDE_QUATERNION: from the body frame (forward-right-down) to north-east-down."""
     e = fleet.estimate
     rate = e["rate"][rows]
     half_roll, half_pitch = 0.5 * e["roll"][rows], -0.5 * e["pitch"][rows]
@@ -87,7 +87,7 @@ def attitude_quaternion(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def ahrs2(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """AHRS2: the second opinion. Attitude is the estimator's own, position is the receiver's, as of ArduPilot's DCM."""
+    """AHRS2: the secondary solution. Attitude is the estimator's, position the receiver's, as in ArduPilot's DCM."""
     e = fleet.estimate
     place = columns.known(e["gnss_pos"][rows])
     out["roll"] = e["roll"][rows]
@@ -98,7 +98,7 @@ def ahrs2(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def local_position_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """LOCAL_POSITION_NED, from the origin."""
+    """LOCAL_POSITION_NED, relative to the origin."""
     e = fleet.estimate
     pos, vel = e["pos"][rows], e["vel"][rows]
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
@@ -107,7 +107,7 @@ def local_position_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def has_position(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    """Whether the estimator stands by its position."""
+    """Whether the estimator reports its position as valid."""
     known: NDArray[np.bool_] = (fleet.estimate["status"][rows] & POSITION_KNOWN) != 0
     return known
 
@@ -115,13 +115,13 @@ def has_position(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 def global_position_int(fleet: Fleet, rows: Ints, out: Table) -> None:
     """GLOBAL_POSITION_INT."""
     at = fleet.origin
-    _global_positions(
+    _fill_global_position_int(
         at.lat_deg, at.lon_deg, at.alt_msl_m, fleet.now, rows, fleet.boot_ns, fleet.estimate, fleet.watch, out
     )
 
 
 @kernel
-def _global_positions(
+def _fill_global_position_int(
     lat0_deg: float, lon0_deg: float, alt_m: float, now: int,
     rows: Ints, boot_ns: Ints, estimate: Any, watch: Any, out: Any,
 ) -> None:  # fmt: skip
@@ -154,7 +154,7 @@ def vfr_hud(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def home_position(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """HOME_POSITION; the attitude there is not known."""
+    """HOME_POSITION; the attitude there is unknown."""
     home = columns.homes(fleet, rows)
     out["latitude"], out["longitude"] = columns.place_e7(fleet, home[:, 0], home[:, 1])
     out["altitude"] = columns.msl_mm(fleet, home[:, 2])
@@ -164,7 +164,7 @@ def home_position(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def gps_global_origin(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """GPS_GLOBAL_ORIGIN: where LOCAL_POSITION_NED is 0."""
+    """GPS_GLOBAL_ORIGIN: the origin of LOCAL_POSITION_NED."""
     zero = np.zeros(1)
     lat, lon = columns.place_e7(fleet, zero, zero)
     out["latitude"], out["longitude"] = lat[0], lon[0]
@@ -187,7 +187,7 @@ def _guided(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 
 
 def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """NAV_CONTROLLER_OUTPUT: attitude and heading, distance and bearing of the target, errors of height and track."""
+    """NAV_CONTROLLER_OUTPUT: attitude, heading, target distance and bearing, errors of altitude and track."""
     e, f = fleet.estimate, fleet.flight
     flying = f["landed"][rows] == 0
     going = has_place(fleet, rows)
@@ -198,7 +198,7 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
     out["nav_roll"] = np.degrees(e["roll"][rows])
     out["nav_pitch"] = -np.degrees(e["pitch"][rows])
-    out["nav_bearing"] = held(np.degrees(columns.heading_rad(_yaw(f["att"][rows]))), 180)
+    out["nav_bearing"] = held(np.degrees(columns.heading_rad(_yaw_of_quats(f["att"][rows]))), 180)
     bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
     out["target_bearing"] = np.where(going, held(bearing, 180), 0)
     out["wp_dist"] = np.where(going, held(np.hypot(away[:, 0], away[:, 1]), U16), 0)
@@ -206,15 +206,15 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
 
 
-def _yaw(quats: Floats) -> Floats:
-    """The yaw of attitudes (n, 4)."""
+def _yaw_of_quats(quats: Floats) -> Floats:
+    """Return the yaw of attitudes (n, 4)."""
     w, x, y, z = quats.T
     angles: Floats = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     return angles
 
 
 def position_target_global_int(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """POSITION_TARGET_GLOBAL_INT: the place it flies to."""
+    """POSITION_TARGET_GLOBAL_INT: the destination."""
     target = fleet.flight["target_pos"][rows]
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["coordinate_frame"] = dialect.MAV_FRAME_GLOBAL
@@ -224,17 +224,17 @@ def position_target_global_int(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def has_place(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    """Whether it flies to a place (`get_wp` of the mode)."""
+    """Whether it flies to a destination (`get_wp` of the mode)."""
     control = fleet.flight["control"][rows]
     to_place: NDArray[np.bool_] = (control == _LEG) | (control == _POSITION_CONTROL)
     return to_place
 
 
 def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """POSITION_TARGET_LOCAL_NED of GUIDED: what was asked for last, a place, a moving place, a velocity, a push."""
+    """POSITION_TARGET_LOCAL_NED of GUIDED: the last target, by its kind."""
     f = fleet.flight
     control = f["control"][rows]
-    track, push = control == _TRACK, control == _ACCEL_CONTROL
+    track, push = control == _POS_VEL_ACCEL, control == _ACCEL_CONTROL
     placed = has_place(fleet, rows) | (control == _TAKEOFF) | track
     moved = ~placed & ~push | track
     pushed = push | moved
@@ -242,17 +242,17 @@ def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["coordinate_frame"] = dialect.MAV_FRAME_LOCAL_NED
     out["type_mask"] = mask
-    _ned(out, ("x", "y", "z"), f["target_pos"][rows], placed)
-    _ned(out, ("vx", "vy", "vz"), f["target_vel"][rows], moved)
-    _ned(out, ("afx", "afy", "afz"), f["target_acc"][rows], pushed)
+    _fill_ned(out, ("x", "y", "z"), f["target_pos"][rows], placed)
+    _fill_ned(out, ("vx", "vy", "vz"), f["target_vel"][rows], moved)
+    _fill_ned(out, ("afx", "afy", "afz"), f["target_acc"][rows], pushed)
 
 
-def _ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
+def _fill_ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
     for name, values in zip(names, (enu[:, 1], enu[:, 0], -enu[:, 2]), strict=True):
         out[name] = np.where(said, values, 0.0)
 
 
 def has_local_target(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    """Whether the mode is GUIDED, the only one with a local target, and flies to one: an attitude is none."""
+    """Whether the mode is GUIDED, the only one with a local target, and the target is not an attitude."""
     attitude: NDArray[np.bool_] = fleet.flight["control"][rows] == _ATTITUDE_CONTROL
     return _guided(fleet, rows) & ~attitude

@@ -1,7 +1,7 @@
-"""Which reports are due, and how do they go out? One pass per service over the whole fleet.
+"""Schedule of reports: which are due, and how they are sent, in one pass per service over the whole fleet.
 
-Each aircraft's reports start at a moment of its own within the interval, as if the aircraft had been switched on
-apart. An aircraft's frames of one moment keep the order of `table.BUILDERS`, as do its sequence numbers.
+Each aircraft's reports start at a phase of its own within the interval, as if the aircraft had been switched on at
+different times. An aircraft's frames of one moment keep the order of `table.BUILDERS`, as do its sequence numbers.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from skyrange.vehicle.builtin.telemetry.table import BUILDERS, HAS, SILENT, buil
 
 SERVICE_NS: Final = 10 * NS_PER_MS
 COLUMN: Final = {message: column for column, message in enumerate((*BUILDERS, *sorted(SILENT)))}
-"""Every message that takes an interval; those that can be sent come first."""
+"""Column of every message that has an interval; those that can be sent come first."""
 _SENT: Final = len(BUILDERS)
 _IN_ORDER: Final = tuple(BUILDERS)
 _NEVER: Final = int(NEVER)
 
 
 class Batch(NamedTuple):
-    """Messages of one type that are due: the aircraft, what each says, and the numbers of the frames."""
+    """Messages of one type that are due: the aircraft, the contents, and the sequence numbers."""
 
     message_id: int
     rows: Ints
@@ -37,9 +37,9 @@ class Batch(NamedTuple):
 
 @kernel
 def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, rows: Ints, ends: Ints) -> int:
-    """Write the aircraft that are due, message by message, to `rows`; `ends` says where each message's end.
+    """Write the aircraft that are due, message by message, to `rows`; `ends` are the ends of each message's part.
 
-    A message that has fallen behind its interval is not made up for (GCS_MAVLINK::update_send).
+    Intervals that a message has missed are skipped (GCS_MAVLINK::update_send).
     """
     count = 0
     for column in range(due.shape[1]):
@@ -60,12 +60,12 @@ def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, ro
 
 
 class Schedule:
-    """When which message of which aircraft falls due: two (aircraft, message) arrays of nanoseconds."""
+    """When which message of which aircraft is due: two (aircraft, message) arrays of nanoseconds."""
 
     __slots__ = ("due", "offset", "period", "soonest")
 
     def __init__(self, offsets_ns: Ints) -> None:
-        """`offsets_ns` (aircraft,): where in its interval each aircraft starts, below one second."""
+        """`offsets_ns` (aircraft,): the phase of each aircraft in its intervals, below one second."""
         count = offsets_ns.shape[0]
         self.offset = offsets_ns
         self.period = np.zeros((count, len(COLUMN)), dtype=np.int64)
@@ -73,7 +73,7 @@ class Schedule:
         self.soonest = np.full(count, NEVER, dtype=np.int64)
 
     def set(self, row: int, message: int, period_ns: Time, now: Time) -> None:
-        """Send `message` every `period_ns` from now on, at most once a service; 0 stops it."""
+        """Send `message` every `period_ns` from now on, at most once per service; 0 stops it."""
         column = COLUMN[message]
         self.period[row, column] = period_ns
         if column < _SENT:
@@ -82,13 +82,13 @@ class Schedule:
             self.soonest[row] = self.due[row].min()
 
     def clear(self, row: int) -> None:
-        """Stop everything, as at power-on."""
+        """Stop all messages, as at power-on."""
         self.period[row] = 0
         self.due[row] = NEVER
         self.soonest[row] = NEVER
 
     def take(self, fleet: Fleet) -> list[Batch]:
-        """What is due now, built and numbered; the next times are set."""
+        """Return the messages that are due, with contents and numbers; set their next times."""
         picked = np.flatnonzero(self.soonest <= fleet.now)
         if len(picked) == 0:
             return []
@@ -113,7 +113,7 @@ class Schedule:
         return batches
 
     def send_due(self, fleet: Fleet) -> None:
-        """Send everything that is due now and set the next times."""
+        """Send all messages that are due and set their next times."""
         batches = self.take(fleet)
         if not batches:
             return

@@ -1,8 +1,8 @@
-"""What do the sensors and outputs say? The reports of receiver, inertial sensors, barometer, motors and radio.
+"""Reports of sensors and outputs: receiver, inertial sensors, barometer, motors and radio.
 
 After `send_raw_imu`, `send_scaled_pressure_instance`, `send_servo_output_raw` and others of
 libraries/GCS_MAVLink/GCS_Common.cpp, and AP_GPS::send_mavlink_gps_raw. A board has a second inertial sensor and
-barometer; here they say what the first ones say.
+barometer; here they repeat the values of the first.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skyrange.vehicle.builtin.telemetry import columns
 from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, finite, held, whole
 
 _GRAVITY_MPS2: Final = 9.80665  # AP_Math definitions.h GRAVITY_MSS
-_LEAST_PWM_US: Final = 1000
+_MIN_PWM_US: Final = 1000
 _PWM_RANGE_US: Final = 1000
 """MOT_PWM_MIN to MOT_PWM_MAX."""
 _SERVOS: Final = tuple(f"servo{motor + 1}_raw" for motor in range(16))
@@ -33,25 +33,25 @@ _SEA_LEVEL_HPA: Final = 1013.25
 _RANGE_CM: Final = (20, 5000)
 _UNKNOWN_DOP: Final = 9999  # GPS_UNKNOWN_DOP
 _RANGE_ERROR_M: Final = 1.5
-"""An accuracy over a dilution of precision, as `estimation.gnss` has it for the level one."""
+"""Accuracy over dilution of precision, as in `estimation.gnss` for the horizontal one."""
 _DOP_MIN, _DOP_MAX = 0.5, 99.99
 _FIX_2D: Final = dialect.GPS_FIX_TYPE_2D_FIX
 _RADPS_PER_RPM: Final = 2.0 * math.pi / 60.0
 _ESC_HZ: Final = 100
-"""How often a speed controller reports; each report is counted."""
+"""Report rate of a speed controller; each report is counted."""
 
 
 def gps_raw_int(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """GPS_RAW_INT: what the receiver says, not what the estimator makes of it."""
+    """GPS_RAW_INT: the receiver's fix, not the estimate."""
     at = fleet.origin
-    _fixes(
+    _fill_gps_raw_int(
         at.lat_deg, at.lon_deg, at.alt_msl_m, at.ellipsoid_of(at.alt_msl_m), fleet.now, rows, fleet.boot_ns,
         fleet.estimate, out,
     )  # fmt: skip
 
 
 @kernel
-def _fixes(
+def _fill_gps_raw_int(
     lat0_deg: float, lon0_deg: float, alt_m: float, ellipsoid_m: float, now: int, rows: Ints, boot_ns: Ints,
     estimate: Any, out: Any,
 ) -> None:  # fmt: skip
@@ -82,7 +82,7 @@ def _fixes(
         o.vel_acc = whole(e.gnss_acc[2] * 1e3, 0, I32)
 
 
-def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:
+def _fill_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
     e = fleet.estimate
     for name, field, scale, most in (
         ("acc", "imu_accel", 1000.0 / _GRAVITY_MPS2, I16),
@@ -96,26 +96,26 @@ def _imu(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def raw_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RAW_IMU: thousandths of gravity, mrad/s and mgauss, forward-right-down; not raw at all, as from ArduPilot."""
+    """RAW_IMU: thousandths of gravity, mrad/s and mgauss, forward-right-down; scaled as from ArduPilot, not raw."""
     out["time_usec"] = columns.boot_us(fleet, rows)
-    _imu(fleet, rows, out)
+    _fill_imu(fleet, rows, out)
 
 
 def scaled_imu(fleet: Fleet, rows: Ints, out: Table) -> None:
     """SCALED_IMU and SCALED_IMU2."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
-    _imu(fleet, rows, out)
+    _fill_imu(fleet, rows, out)
 
 
 def scaled_imu3(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """SCALED_IMU3: a third compass, with no inertial sensor beside it, as in ArduPilot's SITL."""
+    """SCALED_IMU3: a third compass without an inertial sensor, as in ArduPilot's SITL."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     read = columns.known(fleet.estimate["compass"][rows]) * 1000.0
     out["xmag"], out["ymag"], out["zmag"] = held(read[:, 0], I16), held(-read[:, 1], I16), held(-read[:, 2], I16)
 
 
 def scaled_pressure(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """SCALED_PRESSURE and SCALED_PRESSURE2: the barometer's height as the standard atmosphere's pressure (ISO 2533)."""
+    """SCALED_PRESSURE(2): the height of the barometer as a pressure of the standard atmosphere (ISO 2533)."""
     height = fleet.origin.alt_msl_m + columns.known(fleet.estimate["baro_up"][rows])
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["press_abs"] = _SEA_LEVEL_HPA * np.maximum(1.0 - 2.25577e-5 * height, 0.0) ** 5.25588
@@ -123,12 +123,12 @@ def scaled_pressure(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def rangefinder(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RANGEFINDER, which looks down."""
+    """RANGEFINDER, downward."""
     out["distance"] = np.fmin(np.fmax(fleet.estimate["height"][rows], 0.0), _RANGE_CM[1] * 0.01)
 
 
 def distance_sensor(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """DISTANCE_SENSOR: the same."""
+    """DISTANCE_SENSOR of the rangefinder."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["min_distance"], out["max_distance"] = _RANGE_CM
     out["current_distance"] = held(fleet.estimate["height"][rows] * 100.0, _RANGE_CM[1], 0)
@@ -140,15 +140,15 @@ def servo_output_raw(fleet: Fleet, rows: Ints, out: Table) -> None:
     """SERVO_OUTPUT_RAW: the motors' pulse lengths in µs, in ArduPilot's motor order."""
     out["time_usec"] = columns.boot_us(fleet, rows) & 0xFFFFFFFF
     commands = fleet.actuators[rows]
-    pulses = _LEAST_PWM_US + _PWM_RANGE_US * commands
+    pulses = _MIN_PWM_US + _PWM_RANGE_US * commands
     for motor in range(commands.shape[1]):
         out[_SERVOS[motor]] = pulses[:, motor]
 
 
 def esc_telemetry(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """ESC_TELEMETRY_1_TO_4: each rotor's speed, and its share of the battery's current; no temperature is measured.
+    """ESC_TELEMETRY_1_TO_4: each rotor's speed and its share of the battery's current; temperature is not measured.
 
-    A rotor takes power as the cube of its speed (`world.multirotor`), by which the current is shared.
+    A rotor's power is proportional to the cube of its speed (`world.multirotor`), by which the current is divided.
     """
     power = fleet.power
     speed = np.abs(fleet.rotors[rows])
@@ -162,7 +162,7 @@ def esc_telemetry(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def rc_channels(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """RC_CHANNELS: where the sticks are (`sticks_in`); the signal strength is unknown."""
+    """RC_CHANNELS: the channels of `pilot.rc_channels`; the signal strength is unknown."""
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     sticks = fleet.channels[rows]
     out["chancount"] = sticks.shape[1]
@@ -172,13 +172,13 @@ def rc_channels(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def has_fix(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    """Whether a receiver is there and has ever told a position."""
+    """Whether a receiver is fitted and has ever reported a position."""
     known: NDArray[np.bool_] = np.isfinite(fleet.estimate["gnss_pos"][rows, 0])
     return known
 
 
 def ahrs(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """AHRS: drift and error of the attitude, by the compass and horizontal velocity that do not fit it."""
+    """AHRS: drift and error of the attitude, from the innovations of compass and horizontal velocity."""
     e = fleet.estimate
     out["error_rp"] = np.minimum(e["vel_ratio"][rows], 1.0) * math.radians(1.0)
     out["error_yaw"] = np.minimum(e["mag_ratio"][rows], 1.0) * math.radians(5.0)

@@ -1,4 +1,4 @@
-"""How is the aircraft? The reports of mode, health, estimator, battery, fence and mission.
+"""Reports of status: mode, health, estimator, battery, fence and mission.
 
 After libraries/GCS_MAVLink (GCS_Common.cpp, GCS.cpp `update_sensor_status_flags`, GCS_Fence.cpp),
 ArduCopter/GCS_Copter.cpp and GCS_MAVLink_Copter.cpp.
@@ -25,19 +25,19 @@ from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, Floats, he
 
 FIRMWARE: Final = 4 << 24 | 6 << 16 | 0 << 8 | 0
 """AUTOPILOT_VERSION.flight_sw_version: ArduCopter 4.6.0-dev, whose names and behaviour this follows."""
-_LAST_MANUAL: Final = 2
-"""STABILIZE 0, ACRO 1 and ALT_HOLD 2 do not hold a horizontal position; of the modes here all others do."""
-_LAST_BY_HAND: Final = 1
-"""STABILIZE and ACRO do not hold a height either."""
+_LAST_WITHOUT_POSITION: Final = 2
+"""STABILIZE 0, ACRO 1 and ALT_HOLD 2 hold no horizontal position; all other modes here do."""
+_LAST_MANUAL_THROTTLE: Final = 1
+"""STABILIZE and ACRO hold no height either."""
 _AUTO: Final = int(Mode.AUTO)
 _BOARD_MV: Final = 5000
 _MCU_MV, _MCU_CDEG = 3300, 4500
 _MEMORY: Final = 131_072
-"""Bytes free, as ArduPilot's simulation says."""
-_FRESH_S: Final = 1.5
-"""A receiver that has said nothing for longer is unhealthy (AP_GPS::is_healthy: 1.5 s beyond its own interval)."""
+"""Free bytes, as reported by ArduPilot's simulation."""
+_MAX_FIX_AGE_S: Final = 1.5
+"""A receiver without data for longer is unhealthy (AP_GPS::is_healthy: 1.5 s beyond its own interval)."""
 
-_ALWAYS: Final = (
+_ALWAYS_PRESENT: Final = (
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL
     | dialect.MAV_SYS_STATUS_SENSOR_3D_MAG
@@ -53,8 +53,8 @@ _ALWAYS: Final = (
 )
 _GNSS: Final = dialect.MAV_SYS_STATUS_SENSOR_GPS
 _AHRS: Final = dialect.MAV_SYS_STATUS_AHRS
-_PLACE: Final = dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
-_HEIGHT: Final = dialect.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
+_XY_CONTROL: Final = dialect.MAV_SYS_STATUS_SENSOR_XY_POSITION_CONTROL
+_Z_CONTROL: Final = dialect.MAV_SYS_STATUS_SENSOR_Z_ALTITUDE_CONTROL
 _BATTERY: Final = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
 _FENCE: Final = dialect.MAV_SYS_STATUS_GEOFENCE
 _PREARM: Final = dialect.MAV_SYS_STATUS_PREARM_CHECK
@@ -94,12 +94,12 @@ _CAPABILITIES: Final = (
 
 
 def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """HEARTBEAT, base mode as GCS_MAVLINK_Copter::base_mode makes it: manual input always, guided with a position."""
-    _heartbeats(rows, fleet.modes, fleet.flight, fleet.watch, fleet.power, out)
+    """HEARTBEAT, base mode as in GCS_MAVLINK_Copter::base_mode: manual input always, guided with a position."""
+    _fill_heartbeat(rows, fleet.modes, fleet.flight, fleet.watch, fleet.power, out)
 
 
 @kernel
-def _heartbeats(rows: Ints, modes: Ints, flight: Any, watch: Any, power: Any, out: Any) -> None:
+def _fill_heartbeat(rows: Ints, modes: Ints, flight: Any, watch: Any, power: Any, out: Any) -> None:
     for place in range(rows.shape[0]):
         row = rows[place]
         f: Any = flight[row]
@@ -108,7 +108,7 @@ def _heartbeats(rows: Ints, modes: Ints, flight: Any, watch: Any, power: Any, ou
         o.custom_mode = modes[row]
         o.type = _QUADROTOR
         o.autopilot = _ARDUPILOT
-        o.base_mode = _BASE | (_GUIDED if modes[row] > _LAST_MANUAL else 0) | (_ARMED if f.armed != 0 else 0)
+        o.base_mode = _BASE | (_GUIDED if modes[row] > _LAST_WITHOUT_POSITION else 0) | (_ARMED if f.armed != 0 else 0)
         if w.station_lost != 0 or w.ekf_lost != 0 or w.reckoning_lost != 0 or power[row].tripped != 0:
             o.system_status = _CRITICAL
         else:
@@ -117,14 +117,14 @@ def _heartbeats(rows: Ints, modes: Ints, flight: Any, watch: Any, power: Any, ou
 
 
 def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """SYS_STATUS: what is fitted, in use and well, and the battery."""
-    _sys_statuses(
+    """SYS_STATUS: which devices are present, enabled and healthy, and the battery."""
+    _fill_sys_status(
         rows, fleet.modes, fleet.stored, fleet.estimate, fleet.flight, fleet.watch, fleet.power, fleet.boundary, out
     )
 
 
 @kernel
-def _sys_statuses(
+def _fill_sys_status(
     rows: Ints, modes: Ints, stored: Floats,
     estimate: Any, flight: Any, watch: Any, power: Any, boundary: Any, out: Any,
 ) -> None:  # fmt: skip
@@ -136,23 +136,23 @@ def _sys_statuses(
         o: Any = out[place]
         has_battery = stored[row, _BATT_MONITOR] != 0.0
         checked = stored[row, _ARMING_CHECK] != 0.0
-        received = e.gnss_fix >= _FIX_3D and e.gnss_age_s < _FRESH_S
+        received = e.gnss_fix >= _FIX_3D and e.gnss_age_s < _MAX_FIX_AGE_S
         fitting = not (e.vel_ratio > 1.0 and e.pos_ratio > 1.0 and e.hgt_ratio > 1.0)
         fenced = fence.enabled != 0
         ready = flight[row].armed == 1 or watch[row].prearm_ok != 0
-        present = _ALWAYS | _AHRS | _PLACE | _HEIGHT | _BATTERY | _PREARM
+        present = _ALWAYS_PRESENT | _AHRS | _XY_CONTROL | _Z_CONTROL | _BATTERY | _PREARM
         if e.gnss_fix > 0:
             present |= _GNSS
         has_fence = fenced or int(stored[row, _FENCE_TYPE]) & _NO_POLYGON != 0
         if has_fence:
             present |= _FENCE
-        enabled = present & ~(_PLACE | _HEIGHT | _BATTERY | _FENCE | _PREARM)
+        enabled = present & ~(_XY_CONTROL | _Z_CONTROL | _BATTERY | _FENCE | _PREARM)
         if fenced and stored[row, _FENCE_ACTION] != 0.0:
             enabled |= _FENCE
-        if modes[row] > _LAST_MANUAL:
-            enabled |= _PLACE
-        if modes[row] > _LAST_BY_HAND:
-            enabled |= _HEIGHT
+        if modes[row] > _LAST_WITHOUT_POSITION:
+            enabled |= _XY_CONTROL
+        if modes[row] > _LAST_MANUAL_THROTTLE:
+            enabled |= _Z_CONTROL
         if has_battery:
             enabled |= _BATTERY
         if checked:
@@ -171,20 +171,20 @@ def _sys_statuses(
         o.onboard_control_sensors_present = present
         o.onboard_control_sensors_enabled = enabled
         o.onboard_control_sensors_health = healthy
-        o.load = 250  # ‰: a flight controller's main loop is a quarter busy
+        o.load = 250  # ‰: the main loop of a flight controller is a quarter busy
         o.voltage_battery = whole(b.voltage * 1e3, 0, U16) if has_battery else 0
         o.current_battery = whole(b.current * 100.0, -I16, I16) if has_battery else -1
         o.battery_remaining = min(b.remaining_pct, 100) if has_battery else -1
 
 
 def has_battery_monitor(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
-    """Whether a battery monitor is set up (BATT_MONITOR)."""
+    """Whether a battery monitor is configured (BATT_MONITOR)."""
     fitted: NDArray[np.bool_] = fleet.stored[rows, INDEX["BATT_MONITOR"]] != 0
     return fitted
 
 
 def battery_status(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """BATTERY_STATUS: the pack's voltage stands in the first cell, as of a monitor that sees no cells."""
+    """BATTERY_STATUS: the pack's voltage is in the first cell, as from a monitor without cell voltages."""
     power = fleet.power
     volts = held(power["voltage"][rows] * 1e3, U16 - 1, 0)
     out["voltages"] = U16
@@ -208,19 +208,19 @@ _CHARGE: Final = np.array(
 
 
 def power_status(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """POWER_STATUS: the board's supply, always as it should be."""
+    """POWER_STATUS: the board's supply, always nominal."""
     out["Vcc"] = _BOARD_MV
 
 
 def mcu_status(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """MCU_STATUS: the processor, always as warm and as well supplied."""
+    """MCU_STATUS: the processor, with constant temperature and supply."""
     out["MCU_temperature"] = _MCU_CDEG
     for name in ("MCU_voltage", "MCU_voltage_min", "MCU_voltage_max"):
         out[name] = _MCU_MV
 
 
 def hwstatus(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """HWSTATUS: the same in its older message."""
+    """HWSTATUS: the board's supply in a deprecated message."""
     out["Vcc"] = _BOARD_MV
 
 
@@ -247,12 +247,12 @@ def ekf_status_report(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def vibration(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """VIBRATION: none is modelled."""
+    """VIBRATION: not modelled, zero."""
     out["time_usec"] = columns.boot_us(fleet, rows)
 
 
 def fence_status(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """FENCE_STATUS: of several kinds breached, the boundary counts most (`send_fence_status`)."""
+    """FENCE_STATUS: of several types breached, the boundary has priority (`send_fence_status`)."""
     fence = fleet.boundary
     breached = fence["breached"][rows]
     out["breach_status"] = breached != 0
@@ -300,14 +300,14 @@ def autopilot_version(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 
 def mission_current(fleet: Fleet, rows: Ints, out: Table) -> None:
-    """MISSION_CURRENT; the total leaves home out."""
-    told = of_crafts(fleet, rows, _mission).reshape(len(rows), 4)
+    """MISSION_CURRENT; the total excludes home."""
+    told = of_crafts(fleet, rows, _mission_progress).reshape(len(rows), 4)
     out["seq"], out["total"] = told[:, 0], told[:, 1]
     out["mission_state"] = told[:, 2]
     out["mission_mode"] = told[:, 3] == _AUTO
 
 
-def _mission(craft: Any) -> tuple[int, int, int, int]:
+def _mission_progress(craft: Any) -> tuple[int, int, int, int]:
     state = craft.mission_state if craft.sees_mission else MissionState.NONE
     if craft.sees_mission and state == MissionState.NONE:
         state = MissionState.NOT_STARTED

@@ -1,7 +1,7 @@
-"""Which messages does a stream ask for, and how often is each sent unasked? ArduCopter's table.
+"""Message streams: which messages each contains, and their rates at boot, by ArduCopter's table.
 
-libraries/GCS_MAVLink/GCS_MAVLink_Parameters.cpp (`STREAM_…_msgs`), as far as these messages are sent here, and
-`handle_request_data_stream` (GCS_Param.cpp). Without a request only HEARTBEAT goes out, at 1 Hz, since ArduCopter's
+libraries/GCS_MAVLink/GCS_MAVLink_Parameters.cpp (`STREAM_…_msgs`), limited to the messages that are sent here, and
+`handle_request_data_stream` (GCS_Param.cpp). Without a request only HEARTBEAT is sent, at 1 Hz, since ArduCopter's
 rates at boot are 0.
 """
 
@@ -68,15 +68,15 @@ STREAMS: Final[dict[int, tuple[str, tuple[int, ...]]]] = {
         ),
     ),
 }
-"""MAV_DATA_STREAM → the parameter with its rate at boot, and its messages."""
+"""MAV_DATA_STREAM → the parameter of its rate at boot, and its messages."""
 LEAST_MS: Final = 3
-"""The shortest interval that is taken, of a 400 Hz loop; here a message goes out every 10 ms at most."""
+"""The shortest interval accepted, for a 400 Hz loop; here a message is sent every 10 ms at most."""
 
 _OF_MESSAGE: Final = {message: name for name, messages in STREAMS.values() for message in messages}
 
 
 def interval_ns(rate_hz: float) -> Time:
-    """The interval of a rate, in whole milliseconds as ArduPilot counts: 0, never, for less than 1 Hz or over 1 kHz.
+    """Return the interval of a rate, in whole milliseconds as in ArduPilot: 0, never, below 1 Hz or over 1 kHz.
 
     `get_interval_for_stream` and `cap_message_interval` (GCS_Common.cpp): at most 0.8 of the main loop's rate.
     """
@@ -85,7 +85,7 @@ def interval_ns(rate_hz: float) -> Time:
 
 
 def boot_rates(schedule: Schedule, fleet: Fleet, craft: Craft) -> None:
-    """Start what is sent unasked: HEARTBEAT and Open Drone ID's Location at 1 Hz, and streams at their SR0_… rates."""
+    """Start what is sent at boot: HEARTBEAT and Open Drone ID's Location at 1 Hz, streams at their SR0_… rates."""
     schedule.clear(craft.row)
     schedule.set(craft.row, mav.MAVLINK_MSG_ID_HEARTBEAT, NS_PER_S, fleet.now)
     if fleet.param(craft, "DID_ENABLE"):  # AP_OpenDroneID.h, _mavlink_dynamic_period_ms
@@ -97,17 +97,20 @@ def boot_rates(schedule: Schedule, fleet: Fleet, craft: Craft) -> None:
 
 
 def default_ns(fleet: Fleet, craft: Craft, message: int) -> Time:
-    """How often a message is sent by default; 0 is never."""
+    """Return the default interval of a message; 0 is never."""
     if message == mav.MAVLINK_MSG_ID_HEARTBEAT:
         return NS_PER_S
     return interval_ns(fleet.param(craft, _OF_MESSAGE[message])) if message in _OF_MESSAGE else 0
 
 
 def on_request(fleet: Fleet, schedule: Schedule, craft: Craft, message: Any) -> None:
-    """REQUEST_DATA_STREAM: start or stop one stream, or all (0); it sets the stream's parameter until the next boot."""
+    """REQUEST_DATA_STREAM: start or stop one stream, or all (0).
+
+    The stream's parameter is set until the next boot.
+    """
     if message.start_stop > 1:
         return
-    # ArduPilot holds the rate in 16 bits with a sign: beyond them it is negative, and nothing is sent
+    # ArduPilot stores the rate as a signed 16-bit integer: a larger one is negative, and nothing is sent
     asked = message.req_message_rate if message.start_stop == 1 else 0
     rate = asked if asked <= 32_767 else 0
     chosen = STREAMS if message.req_stream_id == mav.MAV_DATA_STREAM_ALL else (message.req_stream_id,)

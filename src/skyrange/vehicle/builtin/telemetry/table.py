@@ -1,4 +1,4 @@
-"""Which messages can be sent, by whom are they made, and when is there nothing to say? In the order they go out."""
+"""Table of messages: the builder of each, in the order of sending, and when there is nothing to send."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ BUILDERS: Final[dict[int, Builder]] = {
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION: status.autopilot_version,
     mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION: remote_id.open_drone_id_location,
 }
-"""What can be streamed or asked for, by message id; an aircraft's messages of one moment go out in this order."""
+"""Messages that can be streamed or requested, by id; an aircraft's messages of one moment are sent in this order."""
 
 HAS: Final[dict[int, Asks]] = {
     mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: motion.has_position,
@@ -67,10 +67,10 @@ HAS: Final[dict[int, Asks]] = {
     mav.MAVLINK_MSG_ID_AHRS2: sensors.has_fix,
     mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION: motion.has_position,
 }
-"""Messages that ArduPilot does not send while there is nothing to say."""
+"""Messages that ArduPilot does not send while they have no contents."""
 
 UNASKED: Final = frozenset((mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION,))
-"""Messages that go out of themselves, and that nobody can ask for (GCS_MAVLINK::mavlink_id_to_ap_message_id)."""
+"""Messages that are sent unrequested and cannot be requested (GCS_MAVLINK::mavlink_id_to_ap_message_id)."""
 
 SILENT: Final = frozenset(
     (
@@ -104,18 +104,18 @@ SILENT: Final = frozenset(
         mav.MAVLINK_MSG_ID_WINCH_STATUS,
     )
 )
-"""Messages that ArduCopter knows and takes an interval for, though nothing is fitted that would fill them."""
+"""Messages that ArduCopter knows and accepts an interval for, though no device fills them."""
 
 
 def build(fleet: Fleet, message_id: int, rows: Ints) -> Table:
-    """The messages of some aircraft."""
+    """Build the messages of some aircraft."""
     table = np.zeros(len(rows), dtype=dtype_of(message_id))
     BUILDERS[message_id](fleet, rows, table)
     return table
 
 
 def message(fleet: Fleet, craft: Craft, message_id: int) -> Any | None:
-    """One aircraft's message as an object; `None` where it has nothing to say."""
+    """Return one aircraft's message as an object; `None` where it has no contents."""
     rows = np.array([craft.row], dtype=np.int64)
     if message_id in HAS and not HAS[message_id](fleet, rows)[0]:
         return None

@@ -1,4 +1,4 @@
-"""What does the aircraft answer to a question about its clock? TIMESYNC (GCS_Common.cpp `handle_timesync`)."""
+"""TIMESYNC: the answer to a request for the time (GCS_Common.cpp `handle_timesync`)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
 
 
 def on_timesync(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
-    """A question (`tc1` 0) is answered with the time since boot, to which ArduPilot adds its system id."""
+    """Answer a request (`tc1` 0) with the time since boot, to which ArduPilot adds its system id."""
     if message.tc1 != 0:
         return
     since_ns = max(fleet.now - int(fleet.boot_ns[craft.row]), 0) // 1000 * 1000 + craft.system_id
