@@ -1,13 +1,13 @@
-"""How does a Remote ID broadcast look as a Bluetooth LE packet? Legacy advertisements, and extended ones on Long Range.
+"""Bluetooth LE packets that carry Remote ID: legacy advertisements, and extended ones on Long Range.
 
 Sources: F3411-22a, Bluetooth Legacy and Bluetooth Long Range broadcast methods (service data of the 16-bit UUID
-0xFFFA, application code 0x0D, message counter, message or pack); Bluetooth Core Specification 5.4, Vol 6 Part B,
-2.1 (packet), 2.3 (advertising PDUs), 2.3.4 (extended payload), 3.1.1 (CRC); Core Specification Supplement, Part A,
-1.11 (service data).
+0xFFFA, application code 0x0D, message counter, message or pack); Bluetooth Core Specification 5.4, Vol 6 Part B, 2.1
+(packet), 2.3 (advertising PDUs), 2.3.4 (extended payload), 3.1.1 (CRC); Core Specification Supplement, Part A, 1.11
+(service data).
 
-A packet is what follows the preamble, as captures have it: access address, for the coded PHY its coding indicator
-(1 byte), PDU, CRC; not whitened. Addresses are written as they are read, most significant byte first, and travel the
-other way round.
+A packet is encoded as captures show it, from the first byte after the preamble: access address, coding indicator (1
+byte, coded PHY only), PDU, CRC; without whitening. Addresses are held most significant byte first, as they are
+printed, and are sent in the opposite byte order.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
 from skyrange.core.errors import DecodeError
 
 ACCESS_ADDRESS: Final = bytes.fromhex("d6be898e")
-"""0x8E89BED6, of all advertising (2.1.2)."""
+"""0x8E89BED6, the access address of all advertising packets (2.1.2)."""
 S8: Final = 0
-"""Coding indicator: eight symbols a bit, 125 kb/s (2.2.3)."""
+"""Coding indicator: eight symbols per bit, 125 kb/s (2.2.3)."""
 CRC: Final = 3
 
 ADV_NONCONN_IND: Final = 0b0010
 ADV_EXT_IND: Final = 0b0111
-"""On a primary channel; on a secondary one the same type is AUX_ADV_IND (2.3, table 2.3)."""
+"""The type of the PDU on a primary channel; on a secondary channel the same type is AUX_ADV_IND (2.3, table 2.3)."""
 _RANDOM: Final = 0x40
-"""TxAdd: the advertiser's address is a random one."""
+"""TxAdd: the advertiser's address is random."""
 _ADDRESS: Final = 0x01
 _DATA_INFO: Final = 0x08
 _POINTER: Final = 0x10
@@ -44,7 +44,9 @@ REMOTE_ID: Final = b"\xfa\xff\x0d"
 
 
 def _crc_table() -> tuple[int, ...]:
-    """By the byte, least significant bit first: x^24 + x^10 + x^9 + x^6 + x^4 + x^3 + x + 1 (3.1.1), reflected."""
+    """CRC table for one byte, least significant bit first: x^24 + x^10 + x^9 + x^6 + x^4 + x^3 + x + 1 (3.1.1),
+    reflected.
+    """
     table = []
     for byte in range(256):
         value = byte
@@ -58,7 +60,7 @@ _TABLE: Final = _crc_table()
 
 
 def checksum(pdu: bytes) -> bytes:
-    """The CRC of an advertising PDU (start value 0x555555), in the order it is captured in."""
+    """The CRC of an advertising PDU (start value 0x555555), in the byte order of captures."""
     crc = 0xAAAAAA  # 0x555555 reflected
     for byte in pdu:
         crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 0xFF]
@@ -66,16 +68,20 @@ def checksum(pdu: bytes) -> bytes:
 
 
 def legacy(frame: RidFrame, *, random: bool = True) -> bytes:
-    """ADV_NONCONN_IND of `frame`'s address, counter and message of 25 bytes (else `ValueError`), for the 1M PHY."""
+    """ADV_NONCONN_IND for the 1M PHY, with the address, counter and message of `frame`.
+
+    Raises `ValueError` unless the body is one message of 25 bytes.
+    """
     if len(frame.body) != SIZE:
         raise ValueError(f"a body of {len(frame.body)} bytes, a legacy advertisement holds one message of {SIZE}")
     return ACCESS_ADDRESS + _sealed(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
 
 
 def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
-    """AUX_ADV_IND of `frame`'s address, counter and body, for the coded PHY on a secondary channel.
+    """AUX_ADV_IND for the coded PHY on a secondary channel, with the address, counter and body of `frame`.
 
-    `set_id` 0…15 tells an advertiser's advertising sets apart. `ValueError` for a body that does not fit.
+    `set_id` 0…15 distinguishes the advertising sets of one advertiser. Raises `ValueError` for a body that does not
+    fit.
     """
     said = _advertising_data(frame)
     extended = bytes([_ADDRESS | _DATA_INFO]) + _address(frame) + _data_info(frame, set_id)
@@ -83,10 +89,11 @@ def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes
 
 
 def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -> bytes:
-    """ADV_EXT_IND, for the coded PHY on a primary channel: says when and where `auxiliary(frame)` follows.
+    """ADV_EXT_IND for the coded PHY on a primary channel, which announces when and where `auxiliary(frame)` follows.
 
-    `channel` is its index 0…36, `offset_us` the time from this packet's start to its, 300…2,457,299 us, rounded down
-    to the steps of 30 us, or from 245,700 us on of 300 us, in which it is written; else `ValueError`.
+    `channel` is the index 0…36 of the secondary channel. `offset_us` is the time from the start of this packet to the
+    start of the announced one, 300…2,457,299 us; it is rounded down to units of 30 us, and from 245,700 us to units of
+    300 us. Raises `ValueError` for values outside these ranges.
     """
     if not (0 <= channel <= 36 and 300 <= offset_us < 300 << 13):
         raise ValueError(f"channel {channel}, offset {offset_us} us: 0…36, 300…2457299 us")
@@ -98,11 +105,11 @@ def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -
 
 
 def parse(packet: bytes, *, coded: bool) -> RidFrame:
-    """Transport, address, counter and body of an advertisement that carries Remote ID.
+    """Decode transport, address, counter and body of an advertisement that carries Remote ID.
 
-    `coded` says whether a coding indicator follows the access address. `DecodeError` where the CRC is wrong or where
-    the packet is anything else than `legacy` and `auxiliary` make. The body is not looked into; channel, signal
-    strength and time are not in it.
+    `coded` says whether a coding indicator follows the access address. Raises `DecodeError` if the CRC is wrong or if
+    the packet is not one that `legacy` or `auxiliary` make. The body is not decoded. A packet holds no channel, signal
+    strength or time.
     """
     start = len(ACCESS_ADDRESS) + coded
     if len(packet) < start + 2 + CRC:
@@ -129,7 +136,7 @@ def parse(packet: bytes, *, coded: bool) -> RidFrame:
 
 
 def _sealed(kind: int, random: bool, payload: bytes) -> bytes:
-    """PDU header, payload and CRC."""
+    """The PDU header, the payload and their CRC."""
     if len(payload) > 255:
         raise ValueError(f"a payload of {len(payload)} bytes, at most 255")
     pdu = bytes([kind | (_RANDOM if random else 0), len(payload)]) + payload
@@ -151,7 +158,7 @@ def _advertising_data(frame: RidFrame) -> bytes:
 
 
 def _data_info(frame: RidFrame, set_id: int) -> bytes:
-    """ADI: which data (changed with the counter), of which set."""
+    """ADI field: the data id, which changes with the counter, and the set id."""
     if not 0 <= set_id <= 15:
         raise ValueError(f"set_id {set_id}: 0…15")
     return struct.pack("<H", set_id << 12 | frame.header.counter)
@@ -161,12 +168,12 @@ def _extended(payload: bytes) -> tuple[bytes, bytes]:
     """Advertiser's address and advertising data of an extended payload."""
     size = payload[0] & 0x3F if payload else 0
     if size < 7 or len(payload) < 1 + size or not payload[1] & _ADDRESS:
-        raise DecodeError("an extended advertisement without its sender's address")
+        raise DecodeError("an extended advertisement without the advertiser's address")
     return payload[7:1:-1], payload[1 + size :]
 
 
 def _service_data(said: bytes) -> tuple[int, bytes]:
-    """Counter and body of the first AD structure that is Remote ID's."""
+    """Counter and body of the first AD structure that holds Remote ID."""
     at = 0
     while at < len(said) and said[at]:  # a length of 0 ends the data early
         end = at + 1 + said[at]

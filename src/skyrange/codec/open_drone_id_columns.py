@@ -1,7 +1,7 @@
-"""What do many OPEN_DRONE_ID_LOCATION say? MAVLink tables to the columns that F3411's Locations are written from.
+"""Batch conversion of OPEN_DRONE_ID_LOCATION: MAVLink tables to the columns from which F3411 Locations are encoded.
 
-The same as `codec.open_drone_id.from_mavlink`, one by one, but that a number without bytes in F3411 (a track of 400°,
-a status of 200) counts as unknown: what an autopilot says must not stop its transmitter.
+Gives the same results as `codec.open_drone_id.from_mavlink` does one by one, except that a number that F3411 cannot
+encode (a track of 400°, a status of 200) becomes unknown: a bad value from an autopilot must not stop its transmitter.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _CODES: Final = (
     "status", "height_reference", "horizontal_accuracy", "vertical_accuracy", "barometer_accuracy", "speed_accuracy",
     "timestamp_accuracy",
 )  # fmt: skip
-"""MAVLink's names of `CODES`, in their order."""
+"""MAVLink's names of `CODES`, in the same order."""
 _MOST: Final = np.array([15, 1, 15, 15, 15, 15, 15])
 _TRACK_MOST_CDEG: Final = 36_000
 _TIME_MOST_S: Final = (values.TIME_UNKNOWN - 1) / values.TIME_STEPS_PER_S
@@ -59,7 +59,7 @@ def location_columns(said: Table) -> tuple[Floats, Codes]:
 
 
 def _wide(numbers: NDArray[np.float32]) -> Floats:
-    with np.errstate(invalid="ignore"):  # some bytes are no number, and signal it
+    with np.errstate(invalid="ignore"):  # some bytes are a signalling NaN
         return numbers.astype(np.float64)
 
 

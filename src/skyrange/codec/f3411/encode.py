@@ -1,7 +1,7 @@
-"""Which bytes say this? F3411-22a messages → 25 bytes, packs → 3 + 25 n.
+"""Encoder of F3411-22a: messages → 25 bytes, packs → 3 + 25 n bytes.
 
-The first byte of each is type and protocol version, four bits each; integers are little-endian. Byte places as in
-the tables of F3411-22a and `libopendroneid/opendroneid.h` (`ODID_*_encoded`).
+The first byte of each message is type and protocol version, four bits each; integers are little-endian. Byte offsets
+as in the tables of F3411-22a and `libopendroneid/opendroneid.h` (`ODID_*_encoded`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SIZE = 25
 """Bytes of a message."""
 PACK_HEADER = 3
 PACK_MOST = 9
-"""Messages in a pack: 228 bytes, what one Bluetooth 5 or Wi-Fi broadcast holds (F3411-22a, Message Pack)."""
+"""Messages in a pack: 228 bytes, the capacity of one Bluetooth 5 or Wi-Fi broadcast (F3411-22a, Message Pack)."""
 PAGE_0_DATA = 17
 PAGE_DATA = 23
 
@@ -42,9 +42,10 @@ AUTH_0 = struct.Struct("<xBBBI17s")
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of `message`; `ValueError` names what has none.
+    """The bytes of `message`; raises `ValueError` naming a value that cannot be encoded.
 
-    Values that the standard forbids but that have bytes (a latitude of 95°, a reserved status) are written as asked.
+    Values that the standard forbids but that can be encoded (a latitude of 95°, a reserved status) are written as
+    given.
     """
     if isinstance(message, MessagePack):
         return pack_of([_single(part) for part in message.messages], message.version)
