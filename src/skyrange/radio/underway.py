@@ -1,4 +1,4 @@
-"""Which broadcast is behind a key? Those on their way through the air, in a ring of rows."""
+"""Broadcasts in flight: a ring buffer from the medium's keys to the broadcasts behind them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_S, Time
 
 WIDTH = 256
-"""Bytes of the longest body that any transport carries, rounded up."""
+"""Bytes of the longest body of any transport, rounded up."""
 KEPT_NS: Time = 2 * NS_PER_S
-"""A frame is off the air by then: it waits half a second at most, and no event lasts longer than 50 ms."""
+"""How long a broadcast is kept: it waits half a second at most, and no event lasts longer than 50 ms."""
 
 
 @kernel
@@ -29,7 +29,7 @@ class Underway:
     __slots__ = ("_bodies", "_heads", "_sizes", "next")
 
     def __init__(self, room: int = 256) -> None:
-        """`room` is a power of two; there will be more as needed."""
+        """`room` is a power of two; it grows as needed."""
         self.next = 0
         # at, transport, channel, counter, address (6), the frame that brought it (number, serial)
         self._heads = np.zeros((12, room), dtype=np.int64)
@@ -54,7 +54,7 @@ class Underway:
         return keys
 
     def _make_room(self, now: Time, count: int) -> None:
-        """Double until the new keys overwrite nothing younger than `KEPT_NS`."""
+        """Double the ring until the new keys overwrite nothing younger than `KEPT_NS`."""
         while True:
             room = len(self._sizes)
             replaced = np.arange(max(self.next - room, 0), self.next + count - room)
@@ -73,25 +73,25 @@ class Underway:
         return keys & (len(self._sizes) - 1)
 
     def transport(self, keys: Ints) -> Ints:
-        """Of each key."""
+        """The transport of each key."""
         transport: Ints = self._heads[1, self.place(keys)]
         return transport
 
     def counter(self, keys: Ints) -> Ints:
-        """Of each key."""
+        """The message counter of each key."""
         counter: Ints = self._heads[3, self.place(keys)]
         return counter
 
     def address(self, keys: Ints) -> NDArray[np.uint8]:
-        """(n, 6), claimed."""
+        """(n, 6) the claimed sender address of each key."""
         return self._heads[4:10, self.place(keys)].T.astype(np.uint8)
 
     def frames(self, keys: Ints) -> tuple[Ints, Ints]:
-        """The frames that brought them: (numbers, serials) of the `RefBook`."""
+        """The frames that brought the broadcasts: (numbers, serials) of the `RefBook`."""
         places = self.place(keys)
         return self._heads[10, places], self._heads[11, places]
 
     def bodies(self, keys: Ints) -> Payloads:
-        """The bodies, where they lie."""
+        """The bodies, as views of the ring."""
         places = self.place(keys)
         return Payloads(self._bodies.reshape(-1), places * WIDTH, self._sizes[places])
