@@ -1,4 +1,4 @@
-"""Who holds the true state of every aircraft, and how does it move from tick to tick? One table of arrays.
+"""World: the true state of every aircraft in one table of arrays, and its advance from tick to tick.
 
 A tick: the gusts that are due, dynamics, imposed poses, the batteries that are due, collisions.
 """
@@ -38,8 +38,8 @@ _NO_CHANCE = Chance(0)
 class World:
     """Truth: bodies in wind over flat ground and among buildings (the contract `skyrange.agent.contracts.World`).
 
-    The first `advance` sets the time of the initial state and moves nothing. Deep copies are
-    independent and continue identically; the immutable city is shared between them.
+    The first `advance` sets the time of the initial state and moves nothing. Deep copies are independent and continue
+    identically; the immutable city is shared between them.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class World:
         chance: Chance = _NO_CHANCE,
         sensors: SensorSpec = IDEAL,
     ) -> None:
-        """`chance` is where turbulence comes from. Raises InputError with every fault of the bodies at once."""
+        """`chance` is the source of turbulence. Raises `InputError` with every problem of the bodies at once."""
         check_bodies(bodies, quantum_ns, wind, city)
         n = len(bodies)
         names = sorted({body.airframe for body in bodies})
@@ -112,15 +112,15 @@ class World:
             self._height[i] = body.up_m - self._floor[i]
 
     def _seen(self) -> tuple[Floats, ...]:
-        """The arrays that sensors look at."""
+        """The arrays that sensors read."""
         return self._rates, self._accel, self._attitude, self._position, self._velocity, self._height
 
     def _power(self) -> tuple[Floats, Floats, Floats]:
-        """Volts and amperes at the batteries' terminals, and what the rotors make of them."""
+        """Voltage and current at the batteries' terminals, and the resulting rotor speeds."""
         return self._battery_v, self._battery_a, self._rotor_radps
 
     def _bind(self) -> None:
-        """Make what points into the arrays: the kernel's arguments and the read-only views."""
+        """Make everything that refers to the arrays: the kernel's arguments and the read-only views."""
         self._arguments: tuple[Any, ...] = (
             self._step_s,
             self._parameters,
@@ -195,11 +195,11 @@ class World:
     def advance(self, now: Time) -> Sequence[Note]:
         """Move all bodies by the whole quanta between the last tick and `now` under the last actuators.
 
-        Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for
-        another; `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the
-        speed is its last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each
-        aircraft in it (see `contacts`); `event.jump` {distance_m} where an imposed pose was far off.
-        Raises ValueError where `now` is before the last tick.
+        Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for another;
+        `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the speed is its
+        last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each aircraft in
+        it (see `contacts`); `event.jump` {distance_m} where an imposed pose was far away. Raises `ValueError` if `now`
+        is before the last tick.
         """
         if self._now is None:
             self._now = self._drawn = now
@@ -264,7 +264,7 @@ class World:
         )
 
     def _notes(self) -> list[Note]:
-        """What the last step of the dynamics flagged, in vehicle order; clears it."""
+        """The events that the last step of the dynamics flagged, in vehicle order; clears them."""
         notes = []
         for i in np.flatnonzero(self._flags[:, multirotor.EVENTS]).tolist():
             vehicle = self.vehicles[i]
@@ -282,15 +282,15 @@ class World:
         return notes
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        """The sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
+        """The sensors of some vehicles: for a slice, read-only views that later ticks refill; otherwise copies.
 
         The accelerometer reads the mean specific force over the last quantum. The barometer reads the height of the
-        gear over the origin, the rangefinder that over the ground or roof below.
+        gear over the origin, the rangefinder the height over the ground or roof below.
         """
         return self._sensing.read(rows)
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
-        """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""
+        """Set motor commands, (rows, motors) in 0…1; values beyond are clipped by the motors, a NaN stops one."""
         self._commands[rows] = actuators
 
     @property
@@ -299,7 +299,7 @@ class World:
         return self._sources
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
-        """From now on these move some bodies; each goes on from where it is, with motors at rest."""
+        """Set what moves some bodies from now on; each continues from where it is, with motors at rest."""
         self._imposed.set_led(rows, source is not Source.DYNAMIC, self._velocity)
         self._commands[rows] = 0.0
         sources = list(self._sources)
@@ -308,9 +308,9 @@ class World:
         self._sources = tuple(sources)
 
     def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
-        """Say where bodies are now that are not dynamic; the next tick takes them from there on (see `imposed`).
+        """Set the current pose of bodies that are not dynamic; the next tick continues from there (see `imposed`).
 
-        Raises ValueError for a pose that no body can have, or of a body that is dynamic; none is taken then.
+        Raises `ValueError` for an invalid pose, or a pose of a body that is dynamic; none is taken then.
         """
         self._imposed.take(np.arange(len(self.vehicles))[rows], poses, self.vehicles)
 
