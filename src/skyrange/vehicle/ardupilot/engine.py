@@ -1,4 +1,4 @@
-"""Which engine flies the ArduPilots of a scenario? That of the physics which its options name."""
+"""Factory of the autopilot `ardupilot`: the fleet for the physics that the options name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skyrange.vehicle.spec import VehicleSpec
 class _Factory:
     options = Options
     signs = True
-    """They obey `VehicleSpec.signing_key`."""
+    """Its autopilots obey `VehicleSpec.signing_key`."""
 
     def __call__(
         self,
@@ -35,4 +35,4 @@ class _Factory:
 
 
 ArduPilotFleet: Final = _Factory()
-"""What is registered as the autopilot `ardupilot`. Raises `InputError` as `Fleet` does."""
+"""Registered as the autopilot `ardupilot`. Raises `InputError` as `Fleet` does."""

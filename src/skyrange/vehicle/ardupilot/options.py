@@ -1,4 +1,4 @@
-"""What may a scenario tell of its ArduPilots? The table `[autopilots.options.ardupilot]`."""
+"""Scenario options of ArduPilots: the table `[autopilots.options.ardupilot]`."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ class Options(Params):
     )
 
     def opened(self, count: int) -> list[int]:
-        """The ports where `count` processes let ground stations in themselves; none unless it is asked for."""
+        """The TCP ports on which `count` processes accept ground stations; none unless `open_port` is set."""
         return [self.open_port + PORT_STEP * place for place in range(count)] if self.open_port else []
 
     @model_validator(mode="after")
-    def _only_native_is_sped_up(self) -> Options:
+    def _check_speedup(self) -> Options:
         if self.physics == "shared" and "speedup" in self.model_fields_set:
-            hint = 'Lockstep goes as fast as it can, or as --speed says; or set physics = "native".'
+            hint = 'Lockstep runs as fast as it can, or as --speed says; or set physics = "native".'
             raise refuse(Fault("speedup", f"{self.speedup:g}", "left out with shared physics", hint))
         return self
 
     @model_validator(mode="after")
-    def _only_shared_is_exchanged(self) -> Options:
+    def _check_rates(self) -> Options:
         if self.physics == "native" and self.rates == "single":
-            hint = "It makes fewer exchanges with our physics, and native physics has none."
+            hint = "It reduces the exchanges with the range's physics, and native physics has no exchanges."
             raise refuse(Fault("rates", "'single'", "'full' or 'reduced' with native physics", hint))
         return self

@@ -1,7 +1,8 @@
-"""The computer on board of many aircraft, as one agent: it broadcasts, listens and avoids.
+"""Companion computers of many aircraft as one agent: it broadcasts, receives and avoids.
 
-It hears `rid_data` (what the autopilot tells) and `rid_down` (who is heard), broadcasts on `rid_up`, and commands its
-autopilot on `log`, where it only speaks: what passes there between ground station and autopilot is a route's.
+It receives `rid_data` (the autopilot's reports) and `rid_down` (broadcasts of others), broadcasts on `rid_up`, and
+commands its autopilot on `log`, where it only sends: frames between ground station and autopilot are forwarded there
+by a route.
 """
 
 from __future__ import annotations
@@ -38,27 +39,27 @@ from skyrange.vehicle.companion.screen import conflicts
 from skyrange.vehicle.companion.spec import CompanionSpec
 
 SERVICE_NS: Final[Time] = AHEAD_NS
-"""Its own program works at 20 Hz; what it forwards goes by a route, more often."""
+"""Its own program runs at 20 Hz; what it forwards is handled by a route, more often."""
 LOOK_NS: Final[Time] = 250 * NS_PER_MS
-"""How often it looks for conflicts."""
+"""Interval of the search for conflicts."""
 FLOOR_M: Final = 5.0
-"""Below this height above home, taking off and landing, it does not interfere."""
+"""Below this height above home, during take-off and landing, it does not interfere."""
 GOAL_NS: Final[Time] = 5 * NS_PER_S
-"""A goal that was not told again for so long is none."""
+"""A goal that was not reported again for this long is dropped."""
 LINK_ID: Final = 0
-"""In signatures: it has one MAVLink connection."""
+"""Link id of its signatures: it has one MAVLink connection."""
 _SIDES: Final = 3  # rid_data, rid_up, rid_down
 _COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
-"""What is counted, and noted at 1, 2, 4, 8 …: a flood must not fill the record."""
+"""What is counted, and noted at 1, 2, 4, 8 …, so that a flood does not fill the record."""
 
 
 class Companion:
-    """The agent (contract: `agent.contracts.Agent`). Deep copies of it go on alike."""
+    """The agent (contract: `agent.contracts.Agent`). Deep copies continue alike."""
 
     service_ns: Time = SERVICE_NS
 
     def __init__(self, name: str, specs: Sequence[CompanionSpec], origin: Origin, chance: Chance) -> None:
-        """`chance` spreads the broadcasts of different aircraft within the second, and nothing else."""
+        """`chance` spreads the broadcasts of different aircraft within the second, and is used for nothing else."""
         self.name = name
         self.specs = tuple(specs)
         count = len(self.specs)
@@ -70,7 +71,7 @@ class Companion:
         self.speaks: Sequence[Port] = [
             Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
         ]
-        """Where it sends without listening."""
+        """Ports on which it sends without receiving."""
         self._places = {port: place for place, port in enumerate(self.ports)}
         signed = [
             Connection(spec.vehicle, spec.signing_key, self.ports[place * _SIDES], self.speaks[place])
@@ -107,7 +108,7 @@ class Companion:
         self._second_ns: Time = NS_PER_S
 
     def next_wakeup(self) -> Time | None:
-        """The next broadcast, look or full second."""
+        """The next broadcast, search for conflicts or full second."""
         times = [self._second_ns]
         if self._avoids.any():
             times.append(self._look_ns)
@@ -115,7 +116,7 @@ class Companion:
         return min(times) if due is None else min(*times, due)
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Take in the mail, then do what is due."""
+        """Take in what arrived, then do what is due."""
         out = Outbox()
         if len(inbox):
             self._listen(now, inbox, out)
@@ -151,13 +152,13 @@ class Companion:
         rid = read_rows(mail.payloads.take(heard))
         said = location_rows(rid.bodies)
         ref, serial = self._refs.read(inbox, mail.order[heard])
-        np.add.at(self._bad, vehicle[heard[~said.whole]], 1)  # no frame of this link has no body either
+        np.add.at(self._bad, vehicle[heard[~said.whole]], 1)  # a payload that is no frame has no valid body either
         self.tracks.update(Heard(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial))
 
     # --- detect and avoid ------------------------------------------------------------------------
 
     def _look(self, now: Time, out: Outbox) -> None:
-        """Find conflicts, and let those that have one, or are avoiding, decide."""
+        """Find conflicts, and decide for each aircraft that has one or is avoiding."""
         table = self._beliefs.table
         placed = fresh(table["place_ns"], now, PLACE_NS) & fresh(table["beat_ns"], now, BEAT_NS)
         flying = placed & (table["armed"] == 1) & (table["state"] >= mav.MAV_STATE_ACTIVE)
@@ -182,7 +183,7 @@ class Companion:
                 self._guards.pop(row, None)
 
     def _own(self, now: Time) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(n, 3) places as of now and velocities, as believed, in the local frame."""
+        """(n, 3) current positions and velocities, as believed, in the local frame."""
         table = self._beliefs.table
         velocity = np.column_stack((table["vel_e"], table["vel_n"], -table["vel_d"]))
         east, north = self._origin.to_enu(table["lat_e7"] * 1e-7, table["lon_e7"] * 1e-7)
@@ -193,7 +194,7 @@ class Companion:
     def _state(
         self, now: Time, row: int, guard: Guard, places: NDArray[np.float64], velocities: NDArray[np.float64]
     ) -> Own:
-        """The aircraft's belief of itself, with the goal of the mission it flies or has left."""
+        """The aircraft's own believed state, with the goal of the mission that it flies or has left."""
         (x, y, z), (u, v, w) = places[row].tolist(), velocities[row].tolist()
         goal = guard.goal_enu_m if guard.engaged else self._goal(now, row, guard)
         if goal is None:
@@ -202,7 +203,9 @@ class Companion:
         return Own((x, y, z), (u, v, w), goal, self.specs[row].cruise_mps)
 
     def _goal(self, now: Time, row: int, guard: Guard) -> Vector | None:
-        """Where the mission leads, told in AUTO and lately; just after an avoidance still what it was before."""
+        """The mission's goal, if reported in AUTO and recently; shortly after an avoidance still the one from before
+        it.
+        """
         told = self._beliefs.table[row]
         if told["goal_ns"] <= guard.left_ns + NS_PER_S // 2 and guard.goal_enu_m is not None:
             return guard.goal_enu_m
@@ -240,7 +243,7 @@ class Companion:
         causes: tuple[FrameId, ...],
         out: Outbox,
     ) -> None:
-        """Send what an order says, and note it."""
+        """Send the commands of an order, and note it."""
         spec, boot_ms = self.specs[row], int(self._beliefs.table["boot_ms"][row])
         if order.note:
             data: dict[str, Scalar] = {"mode": int(self._beliefs.table["mode"][row])}
@@ -266,7 +269,7 @@ class Companion:
     # --- once a second ---------------------------------------------------------------------------
 
     def _each_second(self, now: Time, out: Outbox) -> None:
-        """Ask for what is missing, say how Remote ID is, and tell what was counted."""
+        """Request what is missing, report the status of Remote ID, and note counters."""
         table = self._beliefs.table
         for row, want in self._asking.due(now, table, wire.AUTO):
             interval_us = want.interval_ns // 1000
@@ -281,7 +284,7 @@ class Companion:
         rows = np.flatnonzero(beating & self._broadcaster.of_autopilot)
         if rows.size:
             self._tell_transmission(now, rows, out)
-        # before take-off each second, as a transmitter does; in flight when it changes, but to an autopilot that asks
+        # before take-off every second, as a transmitter does; in flight on a change, or always to an autopilot with ODID
         asked = changed | (table["armed"] == 0) | self._broadcaster.of_autopilot
         for row in np.flatnonzero(beating & asked).tolist():
             self._say(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
@@ -293,7 +296,7 @@ class Companion:
         self._counts = counts
 
     def _tell_transmission(self, now: Time, rows: Ints, out: Outbox) -> None:
-        """Tell autopilots with Open Drone ID who they are and where the operator is, as a ground station would."""
+        """Send autopilots with Open Drone ID their identity and the operator's location, as a ground station would."""
         for row, said in zip(rows.tolist(), self._broadcaster.told(rows, now, self._beliefs), strict=True):
             target = (self.specs[row].system_id, wire.AUTOPILOT)
             for message in said:

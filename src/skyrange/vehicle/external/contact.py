@@ -1,4 +1,4 @@
-"""What is known of one external vehicle, and what goes to it? Its wire, its interlock, what it said and is asked."""
+"""Session with one external vehicle: its connection, its interlock, its reports, and the requests for them."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from skyrange.vehicle.external.reports import REACH_M, Reports
 from skyrange.vehicle.spec import VehicleSpec
 
 FAR_M: Final = 50.0
-"""Farther than this from its `start` it is not where the scenario says, and that is noted."""
+"""A vehicle farther than this from its `start` is not where the scenario says, and that is noted."""
 LOOK_S: Final = 2.0
-"""How often what comes is compared with what was asked for."""
+"""Interval at which the received messages are compared with the requested ones."""
 SLOWEST_S: Final = 32.0
-"""What is never told is asked for less and less often, down to this."""
+"""A message that never comes is requested less and less often, down to this interval."""
 ENOUGH: Final = 0.6
-"""Of what was asked for: less is asked for anew, as others ask for the same messages, slower."""
+"""Share of the requested rate; below it the message is requested again, since others may request it at a lower rate."""
 COMPONENT: Final = int(dialect.MAV_COMP_ID_ONBOARD_COMPUTER4)
-"""Who asks: a computer of its own system, other than the companion."""
+"""Component of the requests: a computer of the vehicle's own system, other than the companion."""
 AUTOPILOT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 STATE_HZ: Final = 2.0
 
@@ -37,7 +37,7 @@ Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 
 
 class Contact:
-    """One vehicle. What is worth noting waits in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
+    """One vehicle. Notes wait in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
 
     def __init__(self, spec: VehicleSpec, wire: Wire, open_: bool, rate_hz: float) -> None:
         self.spec = spec
@@ -47,9 +47,9 @@ class Contact:
         self.notes: list[Note] = []
         self.reports = Reports()
         self.late_ns: Time | None = None
-        """How old a new position is; `None` where there is none since it was taken."""
+        """Age of a new position; `None` if there is none since it was last taken."""
         self.lost = 0
-        """Frames that the interlock let pass, and the wire did not take."""
+        """Frames that the interlock passed, and the connection did not accept."""
         self._witness = Witness()
         self._packer = Packer(spec.system_id, COMPONENT)
         self._asked: dict[int, float] = {
@@ -62,19 +62,19 @@ class Contact:
         self._ask_s: dict[int, float] = dict.fromkeys(self._asked, 0.0)
         self._looked_s = -math.inf
         self._heard_s = -math.inf
-        """When it last spoke, on the clock of the engine."""
+        """When it last sent anything, on the clock of the engine."""
         self._placed_s = -math.inf
         self._called_s = math.inf
-        """When its wire was last called anew."""
+        """When its connection was last opened again."""
         self._beats = 0
         self._strangers: dict[int, int] = {}
         self._elsewhere = False
-        """Whether what it reports is beyond `REACH_M`."""
+        """Whether its reported position is beyond `REACH_M`."""
 
     # ---------------------------------------------------------------- to it
 
     def tell(self, arrival: Arrival) -> None:
-        """What the range says to it goes out if the interlock lets it."""
+        """Send a frame of the range to it, if the interlock permits."""
         refusal = self.interlock.judge(arrival.payload)
         if refusal is None:
             self.lost += not self.wire.write(arrival.payload)
@@ -85,7 +85,7 @@ class Contact:
             self.note("event.interlock", {**refusal._asdict(), "count": count}, (arrival.ref,))
 
     def ask(self, now_s: float) -> None:
-        """Ask for what truth is made of, where it does not come as often as was asked."""
+        """Request the messages that truth is made of, where they arrive less often than requested."""
         if not self.wire.connected or now_s < self._looked_s + LOOK_S:
             return
         since_s, self._looked_s = now_s - self._looked_s, now_s
@@ -104,7 +104,7 @@ class Contact:
     # ---------------------------------------------------------------- from it
 
     def heard(self, piece: Piece, now_s: float, origin: Origin) -> None:
-        """It has said something."""
+        """Process what it sent."""
         if piece.garbage:
             return
         sender = system_of(piece.data)
@@ -145,9 +145,10 @@ class Contact:
     # ---------------------------------------------------------------- how it is
 
     def judge(self, now_s: float, silent_s: float) -> None:
-        """Booting until it is placed, ready, silent while its place is `silent_s` old.
+        """Update the status: booting until its position is known, ready, silent while its position is older than
+        `silent_s`.
 
-        A wire that says nothing for so long is called again.
+        A connection without data for that long is opened again.
         """
         silent = now_s - self._placed_s > silent_s
         if self.status is not InstanceStatus.READY:
@@ -173,13 +174,15 @@ class Contact:
 
     @property
     def counts(self) -> dict[str, Any]:
-        """What has passed the interlock, what of that found no room on the wire, and what was refused, and why."""
+        """How many frames passed the interlock, how many of them the connection did not accept, and what was refused,
+        and why.
+        """
         refused = [{**why._asdict(), "count": count} for why, count in self.interlock.refused.items()]
         return {"passed": self.interlock.passed, "not_taken": self.lost, "refused": refused}
 
     @property
     def why(self) -> str:
-        """What keeps it from being ready, in words; "" where nothing does."""
+        """What keeps it from being ready, in words; "" if nothing does."""
         if self.wire.trouble:
             return f"{self.wire.address}: {self.wire.trouble}"
         if self._elsewhere:
@@ -194,11 +197,11 @@ class Contact:
         return f"{self.wire.address}: it tells no position any more"
 
     def note(self, kind: str, data: Mapping[str, Any], causes: tuple[FrameId, ...] = ()) -> None:
-        """Keep for the record."""
+        """Keep a note for the record."""
         self.notes.append((kind, data, causes))
 
     def said(self) -> Iterator[Note]:
-        """What is to be noted, once."""
+        """The waiting notes, once."""
         kept, self.notes = self.notes, []
         yield from kept
 

@@ -1,8 +1,8 @@
-"""Vehicles that the range did not start: real autopilots, or foreign simulations, in a world that only sees them.
+"""Engine of external vehicles: real autopilots, or foreign simulations, in a world that only observes them.
 
-Their reports are their truth, imposed on bodies that go on by their velocity in between. Their bytes are the link
-`autopilot`, and what the range says goes out through the interlock. Nobody's time is held: they fly on the machine's
-clock, and whoever drives the kernel holds it to that.
+Their reports are the truth, imposed on bodies that are extrapolated by velocity in between. Their bytes are the link
+`autopilot`, and what the range sends to them passes the interlock. Their time is not controlled: they run on the
+machine's clock, and whoever drives the kernel paces it to that.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ QUANTUM_NS: Final[Time] = 2_500_000
 class External:
     """An engine (contract: `agent.contracts.WallEngine`). It connects with its first tick.
 
-    `motion` is the command line's word: with the scenario's `allow_motion` it opens the interlock.
+    `motion` comes from the command line: together with the scenario's `allow_motion` it opens the interlock.
     """
 
     service_ns: Time = QUANTUM_NS
@@ -47,7 +47,9 @@ class External:
     def __init__(
         self, name: str, specs: Sequence[VehicleSpec], origin: Origin, options: Options, motion: bool = False
     ) -> None:
-        """Connects nobody yet. Raises `InputError` for vehicles that `options` does not reach, or that are none."""
+        """Connects to no vehicle yet. Raises `InputError` for vehicles without a connection in `options`, and for
+        unknown ones.
+        """
         self.name = name
         self.vehicles = [spec.vehicle for spec in specs]
         self.moves = self.vehicles
@@ -63,16 +65,16 @@ class External:
         ]
         self._truth = Truth(len(specs))
         self._motors = np.zeros((len(specs), MOTORS))
-        """Nobody knows what theirs are told."""
+        """Their motor commands are unknown."""
         self._began: tuple[Time, float] | None = None
         self._said_open = False
 
     def __deepcopy__(self, memo: dict[int, Any]) -> External:
-        raise ComponentError(f"engine {self.name}", "what flies outside cannot be copied", "Fork a run of builtins")
+        raise ComponentError(f"engine {self.name}", "external vehicles cannot be copied", "Fork a run of builtins")
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """Where each is, what the interlock was, and once it has flown what that has let pass and refused."""
+        """The address of each vehicle, the state of the interlock, and after a flight what it passed and refused."""
         counted = self._began is not None
         return {
             "interlock": self._interlock,
@@ -88,20 +90,20 @@ class External:
         return {"state": "open" if scenario and switch else "closed", "scenario": scenario, "command_line": switch}
 
     def why(self, vehicle: str) -> str:
-        """Why a vehicle is not ready, in words; "" where nothing is known to be wrong."""
+        """Why a vehicle is not ready, in words; "" if nothing is known to be wrong."""
         return self._contacts[self.vehicles.index(vehicle)].why
 
     # ---------------------------------------------------------------- a tick
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
-        """Hand over the mail that may leave."""
+        """Send the frames that the interlock permits."""
         if self._began is None:
             self._began = tick, wall_s()
         for arrival in inbox:
             self._contacts[self._places[arrival.port]].tell(arrival)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Take what they have said. Before time 0 it is held to the machine's clock while one is still to come."""
+        """Take in what they sent. Before time 0, it keeps to the machine's clock while a vehicle is still missing."""
         outbox = Outbox()
         if tick < 0 and any(one.status is InstanceStatus.BOOTING for one in self._contacts):
             assert self._began is not None
@@ -123,7 +125,7 @@ class External:
         return Finished(self._motors, outbox, [one.status for one in self._contacts], self._truth.take())
 
     def _tell(self, outbox: Outbox) -> None:
-        """What is to be noted; before time 0 it waits."""
+        """Write the waiting notes; before time 0 they wait."""
         for one in self._contacts:
             if not self._said_open:
                 outbox.note("event.interlock", one.spec.vehicle, self._interlock)
@@ -132,7 +134,7 @@ class External:
         self._said_open = True
 
     def close(self) -> None:
-        """Hang up. Again does nothing."""
+        """Close the connections. A second call does nothing."""
         for one in self._contacts:
             one.wire.close()
 
@@ -140,7 +142,7 @@ class External:
 class _Factory:
     options = Options
     guards_motion = True
-    """It takes the command line's word on motion, as keyword `motion`."""
+    """It takes the command line's permission of motion, as keyword `motion`."""
 
     def __call__(
         self,
@@ -157,4 +159,4 @@ class _Factory:
 
 
 ExternalFleet: Final = _Factory()
-"""What is registered as the autopilot `external`. Raises `InputError` as `External` does."""
+"""Registered as the autopilot `external`. Raises `InputError` as `External` does."""

@@ -1,16 +1,17 @@
-"""May this frame go out to a vehicle that can hurt somebody? The safety interlock: what is not allowed does not leave.
+"""Safety interlock for external vehicles: frames that could cause motion are not sent unless motion is permitted.
 
-Closed, what only reads or asks for telemetry passes, by a list of what is harmless; open, whatever this one vehicle is
-told. Either way what is no whole frame of the dialect, or is for another system, stays here.
+Closed, it passes only frames that read data or request telemetry, by a list of harmless ones; open, it passes every
+frame to this one vehicle. In both states, anything that is not a whole frame of the dialect, or is addressed to
+another system, is refused.
 
-Three things are less obvious than arming:
+Three rules are less obvious than arming:
 
-- A ground station's HEARTBEAT is held back too: an autopilot takes its end for a lost link, and returns or lands
-  (FS_GCS_ENABLE), and while it comes it hides that the real ground station's has ended.
-- A frame must not carry another one: where a byte is lost on a radio, the receiver looks for the next frame inside what
-  follows. So no place in all that was written may begin a frame that would not have passed by itself.
+- A ground station's HEARTBEAT is refused too: an autopilot takes its end for a lost link, and returns or lands
+  (FS_GCS_ENABLE), and while it is sent it hides that the real ground station's has ended.
+- A frame must not contain another one: if a radio loses a byte, the receiver looks for the next frame inside what
+  follows. So no position in all that was sent may begin a frame that would not have passed by itself.
 - MAVLink 1 makes some autopilots answer in it, signatures are 13 free bytes, and a MAVLink 2 frame may be longer than
-  its definition. None of these is needed to ask.
+  its definition. None of these is needed for a request.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2
 from skyrange.core.errors import DecodeError
 
 MOST_HZ: Final = 50.0
-"""No message may be asked for more often while it is closed: a telemetry radio is shared with who flies it."""
+"""Highest rate at which a message may be requested while closed: the telemetry radio is shared with the vehicle's
+pilot."""
 LONGEST: Final = HEADER_V2 + 255 + CHECKSUM + SIGNATURE
 _AUTOPILOT: Final = (0, int(mav.MAV_COMP_ID_AUTOPILOT1))
 _OTHERS: Final = "for another system"
@@ -49,7 +51,7 @@ COMMANDS: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAV_CMD_REQUEST_PROTOCOL_VERSION: _always,
     mav.MAV_CMD_SET_MESSAGE_INTERVAL: lambda command: _rate(command.param2),
 }
-"""What may be commanded by COMMAND_LONG while it is closed, and with which parameters."""
+"""Commands permitted in COMMAND_LONG while closed, and the condition on their parameters."""
 
 MESSAGES: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION_REQUEST: _always,
@@ -62,16 +64,16 @@ MESSAGES: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: _always,
     mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda said: said.req_message_rate <= MOST_HZ,
 }
-"""What may be said to the vehicle while it is closed."""
+"""Messages permitted to the vehicle while closed."""
 UNADDRESSED: Final = frozenset((mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC))
-"""Passes too, to the vehicle or to all."""
+"""Also permitted, to the vehicle or to all."""
 
 
 class Refusal(NamedTuple):
-    """Why a frame stays here; all three are words of our own, of which there are few."""
+    """Why a frame was refused; all three are words of our own, of which there are few."""
 
     message: str
-    """Its name, "unknown" for one outside the dialect, "" for what is no frame."""
+    """Its name, "unknown" for one outside the dialect, "" for anything but a frame."""
     command: str
     why: str
 
@@ -84,12 +86,12 @@ class Interlock:
         self.open = open_
         self.passed = 0
         self.refused: dict[Refusal, int] = {}
-        """How often, by reason."""
+        """Number of refused frames, by reason."""
         self._written = b""
-        """The last bytes that left."""
+        """The last bytes that were sent."""
 
     def judge(self, payload: bytes) -> Refusal | None:
-        """Why `payload` must not leave; `None` where it may. What may has left, as far as we are asked again."""
+        """Why `payload` must not be sent; `None` if it may. A permitted payload counts as sent in later checks."""
         refusal = self._by_itself(payload) or self._hidden(payload)
         if refusal is None:
             self.passed += 1
@@ -131,7 +133,7 @@ class Interlock:
         return None
 
     def _hidden(self, payload: bytes) -> Refusal | None:
-        """Whether a receiver that begins anywhere else finds what it should not."""
+        """Whether a receiver that starts at any other byte would find a frame that is not permitted."""
         stream, begins = self._written + payload, len(self._written)
         for at, byte in enumerate(stream):
             if byte not in (MAGIC_V1, MAGIC_V2) or at == begins:
@@ -143,7 +145,7 @@ class Interlock:
 
 
 def _targets(said: Message) -> list[int]:
-    """The system that a message is for, if it says one; 0 is all of them."""
+    """The target system of a message, if it has one; 0 is all systems."""
     fields: Any = LAYOUTS[type(said).id].fields
     return [getattr(said, name) for name, *_ in fields if name in ("target_system", "target")]
 

@@ -1,4 +1,4 @@
-"""What may a scenario tell of its external vehicles? The table `[autopilots.options.external]`."""
+"""Scenario options of external vehicles: the table `[autopilots.options.external]`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from skyrange.io.wires import FORMS, Address
 
 
 class Options(Params):
-    """Where the external vehicles of a scenario are, and what they may be told."""
+    """Addresses of a scenario's external vehicles, and what may be sent to them."""
 
     connect: dict[str, str] = Field(
         default_factory=dict,
@@ -34,7 +34,7 @@ class Options(Params):
     )
 
     @model_validator(mode="after")
-    def _can_be_reached(self) -> Options:
+    def _check_addresses(self) -> Options:
         faults: list[Fault] = []
         held: dict[Address, str] = {}
         for vehicle, text in self.connect.items():
@@ -51,7 +51,9 @@ class Options(Params):
         return self
 
     def addresses(self, vehicles: Sequence[str]) -> list[Address]:
-        """Where each of `vehicles` is. `InputError` for those that are not told of, and for others that are."""
+        """The address of each of `vehicles`. Raises `InputError` for vehicles without an address, and for unknown
+        ones.
+        """
         known = "autopilots.options.external.connect"
         faults = [
             Fault(f"{known}.{name}", text, "an external vehicle of the scenario", nearest(name, vehicles))
@@ -59,9 +61,7 @@ class Options(Params):
             if name not in vehicles
         ]
         faults += [
-            Fault(
-                known, f"nothing for {vehicle}", "where it is reached", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".'
-            )
+            Fault(known, f"nothing for {vehicle}", "its address", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".')
             for vehicle in vehicles
             if vehicle not in self.connect
         ]
