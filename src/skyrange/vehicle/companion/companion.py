@@ -284,7 +284,7 @@ class Companion:
         rows = np.flatnonzero(beating & self._broadcaster.of_autopilot)
         if rows.size:
             self._tell_transmission(now, rows, out)
-        # before take-off every second, as a transmitter does; in flight on a change, or always to an autopilot with ODID
+        # before take-off every second, as a transmitter does; in flight on a change, always to one with ODID
         asked = changed | (table["armed"] == 0) | self._broadcaster.of_autopilot
         for row in np.flatnonzero(beating & asked).tolist():
             self._say(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
