@@ -16,7 +16,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError
 
 _STREAM = "city.downtown"
-_LEAST_FILL = 0.6  # least share of its half-block that a building fills
+_MIN_FILL = 0.6  # least share of its half-block that a building fills
 
 
 def downtown_grid(
@@ -53,8 +53,8 @@ def downtown_grid(
             for quarter in range(4):
                 who = (column << 34) | (row << 2) | quarter
                 tall, wide, deep, _ = chance.uniform4(_STREAM, who, 0)
-                width_m = half_m * (_LEAST_FILL + (1.0 - _LEAST_FILL) * wide)
-                depth_m = half_m * (_LEAST_FILL + (1.0 - _LEAST_FILL) * deep)
+                width_m = half_m * (_MIN_FILL + (1.0 - _MIN_FILL) * wide)
+                depth_m = half_m * (_MIN_FILL + (1.0 - _MIN_FILL) * deep)
                 # Buildings extend to the street; the space they leave free is the block's courtyard.
                 left_m = west_m if quarter % 2 == 0 else west_m + block_m - width_m
                 below_m = south_m if quarter < 2 else south_m + block_m - depth_m

@@ -22,8 +22,8 @@ from skyrange.core.compiled import kernel
 MARGIN_M = 20.0
 """The distance up to which a cell lists buildings."""
 CELL_M = 20.0
-"""Side of a cell; larger for a city of more than `_MOST_CELLS`."""
-_MOST_CELLS = 250_000
+"""Side of a cell; larger for a city of more than `_MAX_CELLS`."""
+_MAX_CELLS = 250_000
 
 
 class Walls(NamedTuple):
@@ -77,15 +77,15 @@ def flatten(buildings: Sequence[Building]) -> Walls:
     box = np.hstack((shapely.bounds([building.shape for building in buildings]), heights))
     west, south = (box[:, :2].min(axis=0) - MARGIN_M).tolist()
     east, north = (box[:, 2:4].max(axis=0) + MARGIN_M).tolist()
-    side = max(CELL_M, math.sqrt((east - west) * (north - south) / _MOST_CELLS))
+    side = max(CELL_M, math.sqrt((east - west) * (north - south) / _MAX_CELLS))
     columns, rows = math.ceil((east - west) / side), math.ceil((north - south) / side)
     frame = np.array([west, south, side])
-    cells, near = _sort(box, frame, columns, rows)
+    cells, near = _fill_cells(box, frame, columns, rows)
     return Walls(np.ascontiguousarray(edges), first, np.ascontiguousarray(box), cells, near, frame, columns, rows)
 
 
 @kernel
-def _sort(
+def _fill_cells(
     box: NDArray[np.float64], frame: NDArray[np.float64], columns: int, rows: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """The lists of all cells: counted first, then filled."""

@@ -74,7 +74,7 @@ def legacy(frame: RidFrame, *, random: bool = True) -> bytes:
     """
     if len(frame.body) != SIZE:
         raise ValueError(f"a body of {len(frame.body)} bytes, a legacy advertisement holds one message of {SIZE}")
-    return ACCESS_ADDRESS + _sealed(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
+    return ACCESS_ADDRESS + _pdu_with_crc(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
 
 
 def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
@@ -83,9 +83,13 @@ def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes
     `set_id` 0…15 distinguishes the advertising sets of one advertiser. Raises `ValueError` for a body that does not
     fit.
     """
-    said = _advertising_data(frame)
+    service_data = _advertising_data(frame)
     extended = bytes([_ADDRESS | _DATA_INFO]) + _address(frame) + _data_info(frame, set_id)
-    return ACCESS_ADDRESS + bytes([S8]) + _sealed(ADV_EXT_IND, random, bytes([len(extended)]) + extended + said)
+    return (
+        ACCESS_ADDRESS
+        + bytes([S8])
+        + _pdu_with_crc(ADV_EXT_IND, random, bytes([len(extended)]) + extended + service_data)
+    )
 
 
 def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -> bytes:
@@ -101,7 +105,7 @@ def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -
     steps = offset_us // (300 if coarse else 30)
     aux = channel | coarse << 7 | steps << 8 | CODED << 21  # bit 6, clock accuracy: 51…500 ppm
     extended = bytes([_DATA_INFO | _POINTER]) + _data_info(frame, set_id) + aux.to_bytes(3, "little")
-    return ACCESS_ADDRESS + bytes([S8]) + _sealed(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
+    return ACCESS_ADDRESS + bytes([S8]) + _pdu_with_crc(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
 
 
 def parse(packet: bytes, *, coded: bool) -> RidFrame:
@@ -125,17 +129,17 @@ def parse(packet: bytes, *, coded: bool) -> RidFrame:
     if kind == ADV_NONCONN_IND and not coded:
         if len(payload) < 6:
             raise DecodeError("no advertiser's address")
-        transport, address, said = Transport.BT4, payload[5::-1], payload[6:]
+        transport, address, service_data = Transport.BT4, payload[5::-1], payload[6:]
     elif kind == ADV_EXT_IND:
         transport = Transport.BT5
-        address, said = _extended(payload)
+        address, service_data = _extended(payload)
     else:
         raise DecodeError(f"PDU type {kind}, Remote ID uses {ADV_NONCONN_IND} and, extended, {ADV_EXT_IND}")
-    counter, body = _service_data(said)
+    counter, body = _service_data(service_data)
     return RidFrame(RidHeader(transport, counter=counter, address=address), body)
 
 
-def _sealed(kind: int, random: bool, payload: bytes) -> bytes:
+def _pdu_with_crc(kind: int, random: bool, payload: bytes) -> bytes:
     """The PDU header, the payload and their CRC."""
     if len(payload) > 255:
         raise ValueError(f"a payload of {len(payload)} bytes, at most 255")
@@ -151,10 +155,10 @@ def _address(frame: RidFrame) -> bytes:
 
 
 def _advertising_data(frame: RidFrame) -> bytes:
-    said = bytes([SERVICE_DATA]) + REMOTE_ID + bytes([frame.header.counter]) + frame.body
-    if len(said) > 255:
+    service_data = bytes([SERVICE_DATA]) + REMOTE_ID + bytes([frame.header.counter]) + frame.body
+    if len(service_data) > 255:
         raise ValueError(f"a body of {len(frame.body)} bytes does not fit an advertisement")
-    return bytes([len(said)]) + said
+    return bytes([len(service_data)]) + service_data
 
 
 def _data_info(frame: RidFrame, set_id: int) -> bytes:
@@ -172,14 +176,14 @@ def _extended(payload: bytes) -> tuple[bytes, bytes]:
     return payload[7:1:-1], payload[1 + size :]
 
 
-def _service_data(said: bytes) -> tuple[int, bytes]:
+def _service_data(service_data: bytes) -> tuple[int, bytes]:
     """Counter and body of the first AD structure that holds Remote ID."""
     at = 0
-    while at < len(said) and said[at]:  # a length of 0 ends the data early
-        end = at + 1 + said[at]
-        if end > len(said):
-            raise DecodeError(f"an AD structure of {said[at]} bytes does not fit its advertisement")
-        if said[at + 1] == SERVICE_DATA and said[at + 2 : at + 5] == REMOTE_ID and end > at + 5:
-            return said[at + 5], said[at + 6 : end]
+    while at < len(service_data) and service_data[at]:  # a length of 0 ends the data early
+        end = at + 1 + service_data[at]
+        if end > len(service_data):
+            raise DecodeError(f"an AD structure of {service_data[at]} bytes does not fit its advertisement")
+        if service_data[at + 1] == SERVICE_DATA and service_data[at + 2 : at + 5] == REMOTE_ID and end > at + 5:
+            return service_data[at + 5], service_data[at + 6 : end]
         at = end
     raise DecodeError("an advertisement without Remote ID")

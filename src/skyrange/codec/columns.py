@@ -157,7 +157,7 @@ TABLES: Final = (_KIND, _EXTRA, _CRC)
 
 
 @kernel
-def _sort(
+def _classify(
     data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
     found: Ints,
 ) -> None:  # fmt: skip
@@ -167,7 +167,7 @@ def _sort(
 
 
 @kernel
-def _ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
+def _read_ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
     for row in range(starts.shape[0]):
         at = starts[row]
         found[row] = -1
@@ -181,12 +181,12 @@ def _ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
 def message_ids(payloads: Payloads) -> Ints:
     """(n,) the message ids in the headers, known or not; -1 for a payload that cannot be a MAVLink frame."""
     found = np.empty(len(payloads), dtype=np.int64)
-    _ids(payloads.data, payloads.starts, payloads.sizes, found)
+    _read_ids(payloads.data, payloads.starts, payloads.sizes, found)
     return found
 
 
 @kernel
-def _spread(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
+def _copy_payloads(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
     """Copy the payloads of some frames, padded with zeros, and their (sequence, system, component)."""
     for place in range(rows.shape[0]):
         row = rows[place]
@@ -241,7 +241,7 @@ def cells_of(message_id: int) -> tuple[Cell, ...]:
 def sort(payloads: Payloads) -> Ints:
     """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can decide whether it is a frame, and which."""
     found = np.empty(len(payloads), dtype=np.int64)
-    _sort(payloads.data, payloads.starts, payloads.sizes, *TABLES, found)
+    _classify(payloads.data, payloads.starts, payloads.sizes, *TABLES, found)
     return found
 
 
@@ -264,7 +264,7 @@ def group(payloads: Payloads, kind: int, rows: Ints) -> Group:
     dtype = dtype_of(number)
     raw = np.empty((len(rows), dtype.itemsize), dtype=np.uint8)
     head = np.empty((len(rows), 3), dtype=np.int64)
-    _spread(payloads.data, payloads.starts, rows, head, raw)
+    _copy_payloads(payloads.data, payloads.starts, rows, head, raw)
     return Group(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
 
 

@@ -76,7 +76,7 @@ class LocationColumns(NamedTuple):
 
 
 @kernel
-def _find(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, named: Ints) -> None:
+def _find_messages(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, named: Ints) -> None:
     """Write where each body's first Location and first Basic ID begin in `data`; -1 if it has none or is malformed."""
     for row in range(starts.shape[0]):
         start, size = starts[row], sizes[row]
@@ -113,7 +113,7 @@ def _altitude(raw: int) -> float:
 
 
 @kernel
-def _read(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes: Codes, names: Bytes) -> None:
+def _read_values(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes: Codes, names: Bytes) -> None:
     """Fill `numbers`, `codes` (rows in the order of `NUMBERS` and `CODES`, then both types of the Basic ID) and
     `names`.
     """
@@ -161,10 +161,10 @@ def location_rows(bodies: Payloads) -> LocationColumns:
     count = len(bodies)
     whole = np.empty(count, dtype=np.bool_)
     located, named = np.empty((2, count), dtype=np.int64)
-    _find(bodies.data, bodies.starts, bodies.sizes, whole, located, named)
+    _find_messages(bodies.data, bodies.starts, bodies.sizes, whole, located, named)
     numbers, codes = np.empty((9, count)), np.empty((9, count), dtype=np.uint8)
     names = np.empty((count, 20), dtype=np.uint8)
-    _read(bodies.data, located, named, numbers, codes, names)
+    _read_values(bodies.data, located, named, numbers, codes, names)
     texts = names.view("S20")[:, 0]
     return LocationColumns._make((whole, located >= 0, *numbers, *codes[:7], named >= 0, *codes[7:], texts))
 
@@ -180,13 +180,13 @@ def _steps(metres: float) -> int:
 
 
 @kernel
-def _put(out: Bodies, row: int, at: int, size: int, number: int) -> None:
+def _put_int(out: Bodies, row: int, at: int, size: int, number: int) -> None:
     for place in range(size):
         out[row, at + place] = number >> (8 * place) & 0xFF
 
 
 @kernel
-def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
+def _write_locations(numbers: Floats, codes: Codes, out: Bodies) -> int:
     """Fill the messages; returns the index of a column (first `numbers`, then `codes`) that cannot
     be encoded, or -1.
     """
@@ -204,11 +204,11 @@ def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
                 return 0
             if not -(2.0**31) <= lon < 2.0**31:
                 return 1
-            _put(out, row, 5, 4, int(lat))
-            _put(out, row, 9, 4, int(lon))
-        _put(out, row, 13, 2, _steps(numbers[3, row]))
-        _put(out, row, 15, 2, _steps(numbers[2, row]))
-        _put(out, row, 17, 2, _steps(numbers[4, row]))
+            _put_int(out, row, 5, 4, int(lat))
+            _put_int(out, row, 9, 4, int(lon))
+        _put_int(out, row, 13, 2, _steps(numbers[3, row]))
+        _put_int(out, row, 15, 2, _steps(numbers[2, row]))
+        _put_int(out, row, 17, 2, _steps(numbers[4, row]))
         if speed < 0.0:
             return 5
         fast = not speed <= values.SPEED_KNEE_MPS  # unknown counts as fast: 255 with the multiplier
@@ -235,7 +235,7 @@ def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
             if not 0.0 <= rounded < values.TIME_UNKNOWN:
                 return 8
             tenths = int(rounded)
-        _put(out, row, 21, 2, tenths)
+        _put_int(out, row, 21, 2, tenths)
         out[row, 1] = codes[0, row] << 4 | codes[1, row] << 2 | (2 if west else 0) | (1 if fast else 0)
         out[row, 19] = codes[3, row] << 4 | codes[2, row]
         out[row, 20] = codes[4, row] << 4 | codes[5, row]
@@ -250,7 +250,7 @@ def encode_locations(numbers: Floats, codes: Codes) -> Bodies:
     or code that cannot be encoded.
     """
     out = np.empty((numbers.shape[1], SIZE), dtype=np.uint8)
-    wrong = _write(numbers, codes, out)
+    wrong = _write_locations(numbers, codes, out)
     if wrong >= 0:
         raise ValueError(f"{(*NUMBERS, *CODES)[wrong]}: a value that a Location cannot encode")
     return out

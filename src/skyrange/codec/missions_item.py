@@ -138,7 +138,7 @@ def checked_item(
     take-off and landing, z for landing.
     """
     before = faults.total
-    open_here = _open_values(command)
+    open_here = _optional_values(command)
     settled = []
     for name, value, where in zip(VALUES, values, wheres, strict=True):
         if math.isnan(value):
@@ -158,7 +158,7 @@ def checked_item(
     return MissionItem(frame, command, param1, param2, param3, param4, x, y, z, autocontinue)
 
 
-def _open_values(command: int) -> tuple[str, ...]:
+def _optional_values(command: int) -> tuple[str, ...]:
     if command not in LOCATED_COMMANDS or command in LANDINGS:
         return ("x", "y", "z")
     return ("x", "y") if command in TAKEOFFS else ()

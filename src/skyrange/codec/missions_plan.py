@@ -66,7 +66,7 @@ def parse_plan(text: str, name: str) -> Mission:
     if mission.get("version") != 2:
         faults.add("mission.version", mission.get("version", "missing"), "2")
     home = _home(mission.get("plannedHomePosition"), faults)
-    items = _Items(faults)
+    items = _ItemReader(faults)
     items.read(mission.get("items", "missing"))
     faults.raise_any()
     return Mission(
@@ -120,7 +120,7 @@ def _simple(sequence: int, item: MissionItem) -> dict[str, object]:
     }
 
 
-class _Items:
+class _ItemReader:
     """Reads `mission.items` into a flat list, then resolves the targets of jumps."""
 
     def __init__(self, faults: Faults) -> None:
@@ -173,14 +173,14 @@ class _Items:
     def _simple_item(self, entry: dict[str, object], where: str, targets: dict[int, list[int]]) -> None:
         faults = self.faults
         before = faults.total
-        frame = _whole(entry, "frame", where, 255, faults)
-        command = _whole(entry, "command", where, 65_535, faults)
+        frame = _integer(entry, "frame", where, 255, faults)
+        command = _integer(entry, "command", where, 65_535, faults)
         if frame is not None and frame not in FRAMES:
             faults.add(f"{where}.frame", frame, frame_hint())
         go_on = entry.get("autoContinue", "missing")
         if not isinstance(go_on, bool):
             faults.add(f"{where}.autoContinue", go_on, "true or false")
-        jump_id = _whole(entry, "doJumpId", where, 2**31 - 1, faults) if "doJumpId" in entry else None
+        jump_id = _integer(entry, "doJumpId", where, 2**31 - 1, faults) if "doJumpId" in entry else None
         values = _values(entry.get("params", "missing"), f"{where}.params", faults)
         if faults.total > before or frame is None or command is None:
             return
@@ -311,7 +311,7 @@ def _number(value: object) -> float | None:
         return None
 
 
-def _whole(entry: dict[str, object], key: str, where: str, highest: int, faults: Faults) -> int | None:
+def _integer(entry: dict[str, object], key: str, where: str, highest: int, faults: Faults) -> int | None:
     """An integer in 0…highest (JSON may write it 16.0); otherwise adds a problem and returns `None`."""
     number = _number(entry.get(key))
     if number is None or not number.is_integer() or not 0 <= number <= highest:

@@ -26,7 +26,7 @@ def packet(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0
     """
     header = frame.header
     signal_dbm = None if header.rssi_cdbm == NO_RSSI else header.rssi_cdbm / 100
-    sent = _in_the_air(header.transport, header.counter, header.address, header.time_ns, frame.body)
+    sent = _radio_frame(header.transport, header.counter, header.address, header.time_ns, frame.body)
     if header.transport in _WIFI:
         radio = pcapng.radiotap(header.channel, WIFI_RATE_MBPS, signal_dbm)
     else:
@@ -37,7 +37,7 @@ def packet(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0
 
 
 @lru_cache(maxsize=1024)
-def _in_the_air(transport: int, counter: int, address: bytes, time_ns: int, body: bytes) -> bytes:
+def _radio_frame(transport: int, counter: int, address: bytes, time_ns: int, body: bytes) -> bytes:
     """Cached, because all receivers of one transmission follow each other."""
     frame = RidFrame(RidHeader(transport, counter=counter, address=address, time_ns=time_ns), body)
     match Transport(transport):

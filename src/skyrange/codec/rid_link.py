@@ -127,7 +127,7 @@ class RidColumns(NamedTuple):
 
 
 @kernel
-def _lay(heads: Bytes, data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
+def _write_frames(heads: Bytes, data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
     """Copy row i of `heads` (n*24 bytes) and then body i to `places[i]` of `out`."""
     for row in range(starts.shape[0]):
         at = places[row]
@@ -158,12 +158,12 @@ def pack_rows(
     sizes = bodies.sizes + HEADER
     places = np.cumsum(sizes) - sizes
     out = np.empty(int(sizes.sum()), dtype=np.uint8)
-    _lay(heads.view(np.uint8), bodies.data, bodies.starts, bodies.sizes, out, places)
+    _write_frames(heads.view(np.uint8), bodies.data, bodies.starts, bodies.sizes, out, places)
     return Payloads(out, places, sizes)
 
 
 @kernel
-def _heads(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, good: NDArray[np.bool_], bodies: Ints) -> None:
+def _read_headers(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, good: NDArray[np.bool_], bodies: Ints) -> None:
     """Copy the headers that are good (n, 24), and write (2, n) the starts and sizes of the bodies."""
     for row in range(starts.shape[0]):
         at, size = starts[row], sizes[row]
@@ -183,7 +183,7 @@ def read_rows(payloads: Payloads) -> RidColumns:
     count = len(payloads)
     heads, good = np.empty((count, HEADER), dtype=np.uint8), np.empty(count, dtype=np.bool_)
     bodies = np.empty((2, count), dtype=np.int64)
-    _heads(payloads.data, payloads.starts, payloads.sizes, heads, good, bodies)
+    _read_headers(payloads.data, payloads.starts, payloads.sizes, heads, good, bodies)
     rows: NDArray[Any] = heads.view(_ROW)[:, 0]
     return RidColumns(
         good, rows["transport"], rows["channel"], rows["counter"], rows["address"], rows["rssi_cdbm"],

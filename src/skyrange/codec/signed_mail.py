@@ -42,10 +42,10 @@ class SignedMail:
         self._connections = tuple(connections)
         self._signers = [Signer(one.key, link) for one in connections]
         self._note = note
-        self._speaks = {one.speaks: number for number, one in enumerate(connections)}
+        self._send_ports = {one.speaks: number for number, one in enumerate(connections)}
         hears = {one.hears: number for number, one in enumerate(connections)}
-        self._heard = np.array([hears.get(port, -1) for port in ports], dtype=np.int64)
-        self._said = np.array([self._speaks.get(port, -1) for port in ports], dtype=np.int64)
+        self._receive_index = np.array([hears.get(port, -1) for port in ports], dtype=np.int64)
+        self._send_index = np.array([self._send_ports.get(port, -1) for port in ports], dtype=np.int64)
         self._counts = np.zeros((len(self._signers), len(_REASONS)), dtype=np.int64)
         self._started = False
 
@@ -67,12 +67,12 @@ class SignedMail:
         whole frame is left for the reader to count: the checksum is checked before the signature.
         """
         self._begin(now)
-        rows = np.flatnonzero(self._heard[mail.places] >= 0)
+        rows = np.flatnonzero(self._receive_index[mail.places] >= 0)
         mine = mail.payloads.take(rows)
         keep = np.ones(len(mail.payloads), dtype=np.bool_)
-        numbers = self._heard[mail.places[rows]].tolist()
+        numbers = self._receive_index[mail.places[rows]].tolist()
         for row, number, kind, frame in zip(rows.tolist(), numbers, sort(mine).tolist(), mine, strict=True):
-            found = self._signers[number].refusal(frame) if kind >= 0 else self._refusal_of_other(number, frame)
+            found = self._signers[number].refusal(frame) if kind >= 0 else self._check_other(number, frame)
             if found is not None:
                 keep[row] = False
                 self._refuse(number, found, frame, inbox, mail.order.item(row), out)
@@ -82,12 +82,12 @@ class SignedMail:
         """Sign all frames that are sent over signed connections, in the order in which they leave."""
         self._begin(now)
         for place, departure in enumerate(out.departures):
-            number = self._speaks.get(departure.port)
+            number = self._send_ports.get(departure.port)
             if number is not None:
                 frame = self._signers[number].sign(departure.payload)
                 out.departures[place] = Departure(departure.port, frame, departure.causes)
         for place, block in enumerate(out.blocks):
-            numbers = self._said[block.places]
+            numbers = self._send_index[block.places]
             if (numbers < 0).all():
                 continue
             frames = [
@@ -101,7 +101,7 @@ class SignedMail:
             self._started = True
             self.start(now)
 
-    def _refusal_of_other(self, number: int, frame: bytes) -> Refusal | None:
+    def _check_other(self, number: int, frame: bytes) -> Refusal | None:
         """Verify a payload that batch decoding rejected: MAVLink 1, which is never signed, or not a frame at all."""
         try:
             decode(frame)

@@ -71,14 +71,14 @@ def beacon(
     if not 1 <= len(ssid) <= 32:
         raise ValueError(f"ssid of {len(ssid)} bytes, expected 1…32")
     header = frame.header
-    said = ASD_STAN + bytes([header.counter]) + frame.body
-    if len(said) > 255:
+    content = ASD_STAN + bytes([header.counter]) + frame.body
+    if len(content) > 255:
         raise ValueError(f"a body of {len(frame.body)} bytes, an element holds {255 - len(ASD_STAN) - 1}")
     return _with_fcs(
         _head(BEACON, BROADCAST, header.address, header.address, sequence)
         + _BEACON.pack(timestamp_us, interval_tu, CAPABILITY)
         + bytes([0, len(ssid)]) + ssid + RATES
-        + bytes([VENDOR, len(said)]) + said
+        + bytes([VENDOR, len(content)]) + content
     )  # fmt: skip
 
 
@@ -135,15 +135,15 @@ def parse(frame: bytes) -> RidFrame:
         raise DecodeError(f"802.11 version {control & 3}")
     if kind == BEACON:
         transport = Transport.WIFI_BEACON
-        said = _in_beacon(body)
+        content = _in_beacon(body)
     elif kind == ACTION:
         if to != NAN_ADDRESS:
             raise DecodeError(f"an action frame to {to.hex(':')}, NAN's go to {NAN_ADDRESS.hex(':')}")
         transport = Transport.WIFI_NAN
-        said = _in_action(body)
+        content = _in_action(body)
     else:
         raise DecodeError(f"frame control 0x{control:04x}, neither a Beacon nor an action frame")
-    return RidFrame(RidHeader(transport, counter=said[0], address=address), said[1:])
+    return RidFrame(RidHeader(transport, counter=content[0], address=address), content[1:])
 
 
 def _in_beacon(body: bytes) -> bytes:

@@ -147,7 +147,7 @@ def freeze(air: Air, w: int, now: int, until: int) -> None:
 
 
 @kernel
-def _noise_until(
+def _busy_until(
     setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, w: int, air: Air, now: int,
     emitters: Ints, emitted: Floats,
 ) -> int:  # fmt: skip
@@ -218,7 +218,7 @@ def gets_on_air(
     if own > now:
         _defer(air, w, own)
         return WAITS
-    noisy = _noise_until(setting, sky, radios, pos, vel, w, air, now, emitters, emitted)
+    noisy = _busy_until(setting, sky, radios, pos, vel, w, air, now, emitters, emitted)
     if noisy > now:
         air.wait[SLOTS, w] = min(air.wait[SLOTS, w], 0)  # its slots are counted down already
         _defer(air, w, noisy)

@@ -32,19 +32,19 @@ SLOWEST_MPS: Final = 0.5
 _CELL: Final = 0.63
 _SHADOW: Final = np.uint64(hash64("radio.shadow"))
 _FADE: Final = np.uint64(hash64("radio.fade"))
-_ODD: Final = np.uint64(0x9E3779B97F4A7C15)
+_MIX: Final = np.uint64(0x9E3779B97F4A7C15)
 
 
 @kernel
 def pair_of(a: np.uint64, b: np.uint64) -> np.uint64:
     """The address of a pair of radios, the same from both ends."""
-    return ((a ^ b) * _ODD) ^ (a + b)
+    return ((a ^ b) * _MIX) ^ (a + b)
 
 
 @kernel
 def way_of(sender: np.uint64, receiver: np.uint64) -> np.uint64:
     """The address of one direction between two radios."""
-    return (sender * _ODD) ^ receiver
+    return (sender * _MIX) ^ receiver
 
 
 @kernel

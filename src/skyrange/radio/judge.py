@@ -47,7 +47,7 @@ from skyrange.radio.waveforms import WIDTH_MHZ, frame_bits, is_wifi, survival
 
 _DECODE: Final = np.uint64(hash64("radio.decode"))
 _DECODED, _WEAK, _COLLIDED, _BUSY, _SENDING, _ELSEWHERE = (int(outcome) for outcome in Outcome)
-_FOLLOWED_MW: Final = 1e-3
+_MIN_INTERFERENCE: Final = 1e-3
 """Interference below this share of the receiver's noise is neglected."""
 
 
@@ -219,7 +219,7 @@ def judge(
         for piece in range(pieces):
             number = start // BURST_NS + piece
             power = city_mw(setting, radios.who[r], number, centre, width)
-            if power > _FOLLOWED_MW * noise:
+            if power > _MIN_INTERFERENCE * noise:
                 begins[count], ends[count], mw[count] = number * BURST_NS, (number + 1) * BURST_NS, power
                 count += 1
         chance, worst = survives(kind, bits, start, end, signal, noise, begins, ends, mw, count)

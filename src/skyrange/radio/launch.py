@@ -65,7 +65,7 @@ def free_slot(air: Air) -> int:
 
 
 @kernel
-def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, s: int) -> None:
+def _find_receivers(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, s: int) -> None:
     """Fill a slot's list of receivers.
 
     One long function, because every call that passes arrays on costs as much as the work for one radio.
@@ -182,7 +182,7 @@ def launch(
     leave(air, w)
     band = WIFI if is_wifi(kind) else BLUETOOTH
     air.sending_until[sender, band] = max(air.sending_until[sender, band], air.slot[END, s])
-    _reach(setting, sky, radios, pos, vel, air, s)
+    _find_receivers(setting, sky, radios, pos, vel, air, s)
     if band == BLUETOOTH or air.counts[0] == 0:
         return
     for k in range(air.slot[COUNT, s]):

@@ -31,7 +31,7 @@ ROW: Final = 2
 over the roofs only."""
 BEYOND: Final = math.inf
 _LIMIT: Final = 10.0 ** (0.05 * (4.8 - 12.92))
-_MINOR_DB: Final = 10.0  # a path with that much more loss than the one over the roofs adds less than half a dB
+_NEGLIGIBLE_DB: Final = 10.0  # a path with that much more loss than the one over the roofs adds less than half a dB
 _SUM_DB: Final = 4.8  # three equal paths together are 4.8 dB above one of them
 
 
@@ -108,7 +108,7 @@ class Walk(NamedTuple):
 
 
 @kernel
-def _walk(
+def _start_traversal(
     west: float, south: float, side: float, columns: int, rows: int, ax: float, ay: float, dx: float, dy: float
 ) -> Walk:
     """Begin the traversal of the grid along a line."""
@@ -136,7 +136,7 @@ def _walk(
 
 
 @kernel
-def _per(way: float) -> float:
+def _inverse(way: float) -> float:
     """1 / way, and a large number for 0, so that the slab test gives the right result."""
     return 1.0 / way if abs(way) > 1e-9 else 1e9
 
@@ -175,9 +175,9 @@ def trace(
     cut = 0
     if columns == 0 or distance < 2.0 * END_M:
         return Cut(cut, up_a, up_b, left_a, left_b, right_a, right_b, graze)
-    per_x, per_y = _per(dx), _per(dy)
+    per_x, per_y = _inverse(dx), _inverse(dy)
     last = before = first_cut = second_cut = -1
-    column, row, east, north, next_x, next_y, each_x, each_y, way, end = _walk(
+    column, row, east, north, next_x, next_y, each_x, each_y, way, end = _start_traversal(
         west, south, side, columns, rows, ax, ay, dx, dy
     )
     while way < end and 0 <= column < columns and 0 <= row < rows:
@@ -246,7 +246,7 @@ def clear(sky: Skyline, ax: float, ay: float, az: float, bx: float, by: float, b
 
 
 @kernel
-def _round_db(
+def _side_path_db(
     sky: Skyline, a: float, b: float, side: float, ends: tuple[float, ...], distance: float, wavelength: float
 ) -> float:
     """Loss of the path round one side (+1 left, -1 right) if its legs are unobstructed; `BEYOND` if not."""
@@ -305,9 +305,9 @@ def cost_db(
         return BEYOND
     ends = (ax, ay, az, dx, dy, dz)
     power = 10.0 ** (-0.1 * over)
-    if left <= over + _MINOR_DB and met.left_a * met.left_b > 0.0:
-        power += 10.0 ** (-0.1 * _round_db(sky, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
-    if right <= over + _MINOR_DB and met.right_a * met.right_b > 0.0:
-        power += 10.0 ** (-0.1 * _round_db(sky, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
+    if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
+        power += 10.0 ** (-0.1 * _side_path_db(sky, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
+    if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
+        power += 10.0 ** (-0.1 * _side_path_db(sky, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
     loss = -10.0 * math.log10(power)
     return float(loss) if loss <= margin_db else BEYOND

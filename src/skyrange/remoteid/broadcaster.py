@@ -52,7 +52,7 @@ BEAT_NS: Final[Time] = 5 * NS_PER_S
 GNSS_NS: Final[Time] = 5 * NS_PER_S
 _TIMESTAMP: Final = slice(20, 24)
 """The bytes of the time in a System message (F3411-22a, System message)."""
-_MOST_SLOTS: Final = 4096
+_MAX_SLOTS: Final = 4096
 _KINDS: Final = 8
 """Message counters: one per transport, and for Bluetooth 4 one per message type."""
 
@@ -124,18 +124,18 @@ class Broadcaster:
         payloads: list[Payloads] = []
         until = now + AHEAD_NS
         due = np.flatnonzero(self.due_ns < until)
-        self._take_off(due, table)
+        self._update_takeoff(due, table)
         while due.size:
-            key = self._cycle[due] * _MOST_SLOTS + self._slot[due]
+            key = self._cycle[due] * _MAX_SLOTS + self._slot[due]
             for code in np.unique(key).tolist():
                 rows = due[key == code]
-                each = self.cycles[code // _MOST_SLOTS]
+                each = self.cycles[code // _MAX_SLOTS]
                 at_ns = self.due_ns[rows]
                 self._advance(rows, each, now)
                 on = table["beat_ns"][rows] >= 0
                 rows, at_ns = rows[on], at_ns[on]
                 if rows.size:
-                    _, transport, messages = each.slots[code % _MOST_SLOTS]
+                    _, transport, messages = each.slots[code % _MAX_SLOTS]
                     places.append(rows)
                     payloads.append(self._frames(rows, at_ns, transport, messages, now, table))
             due = np.flatnonzero(self.due_ns < until)
@@ -176,13 +176,13 @@ class Broadcaster:
 
     def told(self, rows: Ints, now: Time, beliefs: Beliefs) -> list[tuple[Message, Message]]:
         """The Basic ID and System of some aircraft, as they broadcast them now."""
-        self._take_off(rows, beliefs.table)
+        self._update_takeoff(rows, beliefs.table)
         basic, system = (
             self._message(int(kind), rows, now, beliefs.table) for kind in (MessageType.BASIC_ID, MessageType.SYSTEM)
         )
         return [(decode(one.tobytes()), decode(two.tobytes())) for one, two in zip(basic, system, strict=True)]
 
-    def _take_off(self, rows: Ints, table: Any) -> None:
+    def _update_takeoff(self, rows: Ints, table: Any) -> None:
         """Without a given control station, set the take-off location in the System message once the home position is
         known.
         """
@@ -246,7 +246,7 @@ def locations(told: Any, now: Time, of_autopilot: NDArray[np.bool_]) -> Bodies:
     For rows with `of_autopilot` the autopilot's own Location is used as long as it sends one.
     """
     numbers, codes = np.empty((len(NUMBERS), len(told))), np.empty((len(CODES), len(told)), dtype=np.uint8)
-    _say(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
+    _location_values(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
     if of_autopilot.any():
         own = of_autopilot & fresh(told["own_ns"], now, PLACE_NS)
         numbers[:, own], codes[:, own] = told["own_numbers"][own].T, told["own_codes"][own].T
@@ -254,7 +254,7 @@ def locations(told: Any, now: Time, of_autopilot: NDArray[np.bool_]) -> Bodies:
 
 
 @kernel
-def _say(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
+def _location_values(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
     """Fill the columns of `encode_locations`."""
     for i in range(told.shape[0]):
         row = told[i]

@@ -81,7 +81,7 @@ class Heard(NamedTuple):
 
 
 @kernel
-def _slot(
+def _find_slot(
     rows: Any, r: int, used: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int,
     rssi: float,
 ) -> tuple[int, bool]:  # fmt: skip
@@ -123,7 +123,7 @@ def _slot(
 
 
 @kernel
-def _take(
+def _update_tracks(
     rows: Any, used: Ints, counts: Ints, stale_ns: int, receiver: Ints, at_ns: Ints, address: Ints,
     named: NDArray[np.bool_], ids: NDArray[np.uint64], located: NDArray[np.bool_], place: Floats, rssi: Floats,
     status: NDArray[np.uint8], transport: NDArray[np.uint8], odd: NDArray[np.bool_], ref: Ints, serial: Ints,
@@ -133,7 +133,7 @@ def _take(
     """
     for i in range(receiver.shape[0]):
         r = receiver[i]
-        k, displaces = _slot(
+        k, displaces = _find_slot(
             rows, r, used[r], at_ns[i], stale_ns, address[i], named[i], ids[i, 0], ids[i, 1], ids[i, 2],
             -math.inf if math.isnan(rssi[i]) else rssi[i],
         )  # fmt: skip
@@ -202,13 +202,13 @@ class TrackTable:
         ids[:, :20] = np.ascontiguousarray(said.uas_id[keep]).view(np.uint8).reshape(-1, 20)
         rssi = np.where(rid.rssi_cdbm[keep] == -32768, np.nan, rid.rssi_cdbm[keep] * 0.01)
         odd = impossible(said)[keep]
-        _take(
+        _update_tracks(
             self.rows, self.used, self.counts, self.stale_ns, heard.receiver[keep], heard.at_ns[keep], address,
-            said.has_id[keep], ids.view(np.uint64), said.found[keep], self._local(said, keep), rssi,
+            said.has_id[keep], ids.view(np.uint64), said.found[keep], self._local_motion(said, keep), rssi,
             said.status[keep], rid.transport[keep], odd, heard.ref[keep], heard.serial[keep],
         )  # fmt: skip
 
-    def _local(self, said: LocationColumns, keep: Ints) -> Floats:
+    def _local_motion(self, said: LocationColumns, keep: Ints) -> Floats:
         """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN if unknown."""
         out = np.empty((len(keep), 6))
         lat, lon = said.lat_deg[keep], said.lon_deg[keep]

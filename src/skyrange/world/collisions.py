@@ -96,7 +96,7 @@ def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, f
 
 
 @kernel
-def _at(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
+def _contact_response(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
     """The speed of a body along `n` at a point `r` from its centre of gravity, and its inverse effective mass there."""
     velocity, attitude, rates, p = state.velocity[i], state.attitude[i], state.rates[i], state.shape[state.airframe[i]]
     nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
@@ -108,7 +108,7 @@ def _at(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
 
 
 @kernel
-def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
+def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
     """Apply an impulse along `n` at a point `r` from the centre of gravity; the accelerometer measures it."""
     if state.led[i]:
         return
@@ -131,7 +131,7 @@ def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> 
 
 
 @kernel
-def _lose(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
+def _break_motors(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
     """Stop the motors that a contact breaks: `n` points away from it; the last arguments locate the other's disc.
 
     A body whose pose is imposed is marked as crashed instead, because its motors are outside the world.
@@ -162,7 +162,7 @@ def _lose(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: fl
 
 
 @kernel
-def _when(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float) -> tuple[float, bool]:
+def _first_overlap(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float) -> tuple[float, bool]:
     """When in 0…1 a cylinder that moves from `d0` to `d1` relative to another first overlaps it (2 if not), and if
     sideways.
     """
@@ -198,7 +198,7 @@ def _when(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float
 
 
 @kernel
-def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
     """Resolve the collision of two aircraft if their paths crossed: how far one was pushed, and
     whether they collided.
     """
@@ -208,7 +208,7 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     for axis in range(3):
         d0[axis] = state.before[i, axis] - state.before[j, axis]
         d1[axis] = state.position[i, axis] - state.position[j, axis]
-    when, sideways = _when(d0, d1, radii, a[HEIGHT], b[HEIGHT])
+    when, sideways = _first_overlap(d0, d1, radii, a[HEIGHT], b[HEIGHT])
     if when > 1.0:
         return 0.0, False
     n = np.zeros(3)
@@ -236,8 +236,8 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     point = np.array([pb[0] + weight * (pa[0] - pb[0]), pb[1] + weight * (pa[1] - pb[1]), 0.5 * (low + high)])
     ra = np.array([point[0] - pa[0], point[1] - pa[1], point[2] - pa[2] - a[CG]])
     rb = np.array([point[0] - pb[0], point[1] - pb[1], point[2] - pb[2] - b[CG]])
-    speed_a, yield_a = _at(i, state, ra, n)
-    speed_b, yield_b = _at(j, state, rb, n)
+    speed_a, yield_a = _contact_response(i, state, ra, n)
+    speed_b, yield_b = _contact_response(j, state, rb, n)
     closing = speed_b - speed_a
     if closing <= 0.0:  # parting already
         return 0.0, False
@@ -253,14 +253,14 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     impulse = 0.0
     if not (led_a and led_b):
         impulse = (1.0 + bounce) * closing / ((0.0 if led_a else yield_a) + (0.0 if led_b else yield_b))
-    _push(i, state, ra, n, impulse, step_s)
-    _push(j, state, rb, n, -impulse, step_s)
+    _apply_impulse(i, state, ra, n, impulse, step_s)
+    _apply_impulse(j, state, rb, n, -impulse, step_s)
     apart = 0.0 if led_a and led_b else apart
     hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), GENTLE
     if closing <= _GENTLE_MPS:
         return apart, True
-    _lose(i, state, n, pb[0], pb[1], b[RADIUS], impulse / a[MASS])
-    _lose(j, state, -n, pa[0], pa[1], a[RADIUS], impulse / b[MASS])
+    _break_motors(i, state, n, pb[0], pb[1], b[RADIUS], impulse / a[MASS])
+    _break_motors(j, state, -n, pa[0], pa[1], a[RADIUS], impulse / b[MASS])
     reduced = a[MASS] * b[MASS] / (a[MASS] + b[MASS])
     hit[ENERGY] = 0.5 * reduced * relative
     hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
@@ -268,8 +268,8 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
 
 
 @kernel
-def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
-    """Resolve the collision of one aircraft with the first building on its path; returns as `_meet`."""
+def _collide_building(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+    """Resolve the collision of one aircraft with the first building on its path; returns as `_collide_pair`."""
     p = state.shape[state.airframe[i]]
     radius, height = p[RADIUS], p[HEIGHT]
     start, move = state.before[i].copy(), state.position[i] - state.before[i]
@@ -313,17 +313,17 @@ def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tup
             if n[2] != 0.0:
                 point[2] = top if n[2] > 0.0 else base
             r = np.array([point[0] - place[0], point[1] - place[1], point[2] - place[2] - p[CG]])
-            speed, yields = _at(i, state, r, n)
+            speed, yields = _contact_response(i, state, r, n)
             if speed >= 0.0:
                 return depth, False
             v = state.velocity[i]
             total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
             impulse = -(1.0 + (RESTITUTION if speed < -_GENTLE_MPS else 0.0)) * speed / yields
-            _push(i, state, r, n, impulse, step_s)
+            _apply_impulse(i, state, r, n, impulse, step_s)
             hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), GENTLE
             if speed >= -_GENTLE_MPS:
                 return depth, True
-            _lose(i, state, n, place[0], place[1], math.inf, impulse / p[MASS])
+            _break_motors(i, state, n, place[0], place[1], math.inf, impulse / p[MASS])
             hit[ENERGY] = 0.5 * p[MASS] * total
             hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
             return depth, True
@@ -353,7 +353,7 @@ def touch(
         if travelled <= pair_due[k]:
             continue
         i, j = pairs[k, 0], pairs[k, 1]
-        push, met = _meet(i, j, state, step_s, hits[count])
+        push, met = _collide_pair(i, j, state, step_s, hits[count])
         longest = max(longest, push)
         state.way[i] += 2.0 * push  # summed over the axes a push is less than twice its length
         state.way[j] += 2.0 * push
@@ -369,7 +369,7 @@ def touch(
             i = order[k]
             if state.way[i] <= wall_due[i]:
                 continue
-            push, met = _strike(i, walls, state, step_s, hits[count])
+            push, met = _collide_building(i, walls, state, step_s, hits[count])
             longest = max(longest, push)
             if met:
                 count += 1

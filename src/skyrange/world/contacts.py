@@ -71,9 +71,9 @@ class Contacts:
             travelled, step_s, self._pairs, self._pair_due, self._order, walls, self._wall_due, bodies
         )
         self._travelled += push
-        return self._news(now, hits) if len(hits) else _NO_NOTES
+        return self._new_contacts(now, hits) if len(hits) else _NO_NOTES
 
-    def _news(self, now: Time, hits: Floats) -> Sequence[Note]:
+    def _new_contacts(self, now: Time, hits: Floats) -> Sequence[Note]:
         """Notes of the touches that begin a contact."""
         notes = []
         for hit in hits.tolist():

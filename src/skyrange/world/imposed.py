@@ -43,7 +43,7 @@ MOST_M = 1e6
 two."""
 MOST_MPS = 1e3
 MOST_RADPS = 1e3
-_LEAP_M = 1.0  # after a longer step another floor may be below
+_MAX_STEP_M = 1.0  # after a longer step another floor may be below
 _UNIT = 0.01  # how far from 1 a quaternion's length may be
 
 _POSITION, _VELOCITY, _ATTITUDE, _RATES, _CHANGE, _NUMBERS = 0, 3, 6, 10, 13, 16
@@ -90,7 +90,7 @@ class Imposed:
         wanted = [(len(rows),), *((len(rows), width) for width in (3, 3, 4, 3))]
         if shapes != wanted:
             raise ValueError(f"imposed poses of the shapes {shapes}, expected {wanted}")
-        row, wrong = _look(rows, self.led, fresh, position, velocity, attitude, rates)
+        row, wrong = _find_invalid(rows, self.led, fresh, position, velocity, attitude, rates)
         if wrong == _NOT_LED:
             raise ValueError(f"imposed a pose on {vehicles[rows[row]]}, which the world moves")
         if wrong != _FINE:
@@ -99,7 +99,7 @@ class Imposed:
                 f"imposed on {vehicles[rows[row]]} the {what} {given[wrong - _BAD_POSITION][row].tolist()}, "
                 f"expected {expected}"
             )
-        _take(
+        _accept(
             self._step_s, rows, fresh, position, velocity, attitude, rates, self._poses, self._pending, self._since
         )  # fmt: skip
 
@@ -118,7 +118,7 @@ def _beyond(vector: Floats, most: float) -> bool:
 
 
 @kernel
-def _look(
+def _find_invalid(
     rows: Ints,
     led: Marks,
     fresh: NDArray[np.bool_],
@@ -148,7 +148,7 @@ def _look(
 
 
 @kernel
-def _take(
+def _accept(
     step_s: float,
     rows: Ints,
     fresh: NDArray[np.bool_],
@@ -231,7 +231,7 @@ def follow(
                 rates[i, axis] = poses[i, _RATES + axis]
             for axis in range(4):
                 attitude[i, axis] = poses[i, _ATTITUDE + axis]
-            if far > _LEAP_M:
+            if far > _MAX_STEP_M:
                 ground = 0.0  # the collision check finds the roof below, if there is one
             if far > JUMP_M:
                 jumped = True

@@ -48,7 +48,7 @@ HARD_MPS = 3.117
 (14 CFR 27.727, 27.725), the most that a rotorcraft's landing gear has to withstand."""
 REARM_M = 0.05  # height to climb before a touchdown counts as another one
 _LEVEL_TAU_S = 0.1  # how fast the gear brings a standing aircraft level
-_STILL = 1e-6  # a decay ends here (rad/s, rad), because subnormal numbers would be ten times slower
+_NEGLIGIBLE = 1e-6  # a decay ends here (rad/s, rad), because subnormal numbers would be ten times slower
 
 _ROUND = 1e-8  # its square is below a double's precision
 
@@ -109,7 +109,7 @@ def spin(expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands
         target = limit[k] * math.sqrt(command * (1.0 - expo[k] + expo[k] * command))
         speed = rotor_radps[k]
         speed += (target - speed) * (lag_up[k] if target > speed else lag_down[k])
-        rotor_radps[k] = speed if speed >= _STILL else 0.0
+        rotor_radps[k] = speed if speed >= _NEGLIGIBLE else 0.0
 
 
 @kernel
@@ -199,7 +199,7 @@ def _land(
                 flags[i, EVENTS] |= TIPPED
                 broken = True
                 events += 1
-        elif r20 * r20 + r21 * r21 > _STILL * _STILL and not flags[i, CRASHED] and not broken:
+        elif r20 * r20 + r21 * r21 > _NEGLIGIBLE * _NEGLIGIBLE and not flags[i, CRASHED] and not broken:
             level_x = -r21 / _LEVEL_TAU_S
             level_y = r20 / _LEVEL_TAU_S
         hold = p[_MASS] * impulse * p[_STANCE]

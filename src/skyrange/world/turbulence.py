@@ -66,7 +66,7 @@ def scales(height_m: float, w20_mps: float) -> tuple[float, float, float, float]
 
 
 @kernel
-def _pair(word: np.uint64) -> tuple[float, float]:
+def _normal_pair(word: np.uint64) -> tuple[float, float]:
     """Two independent standard normals from one random word (Box & Muller 1958), within 6.7 sigma."""
     radius = math.sqrt(-2.0 * math.log(((word >> _32) + 1.0) * _UNIT))
     angle = 2.0 * math.pi * ((word & _LOW) * _UNIT)
@@ -74,7 +74,7 @@ def _pair(word: np.uint64) -> tuple[float, float]:
 
 
 @kernel
-def _coloured(first: float, second: float, a: float, d: float, n1: float, n2: float) -> tuple[float, float]:
+def _step_chain(first: float, second: float, a: float, d: float, n1: float, n2: float) -> tuple[float, float]:
     """One exact step of the chain T·p' = -p + noise, T·q' = -q + p with unit variance of p.
 
     `a` is e^-d, `d` the step over T. In steady state var q = cov(p, q) = 1/2; the covariance that the transition does
@@ -114,9 +114,9 @@ def gust(
     along_e, along_n = (steady_enu_mps[0] / mean, steady_enu_mps[1] / mean) if mean > 0.0 else (1.0, 0.0)
     for i in range(state.shape[0]):
         word0, word1, word2, _ = philox(seed, stream, who[i], when, _ZERO, _ZERO)
-        n0, n1 = _pair(word0)
-        n2, n3 = _pair(word1)
-        n4, _ = _pair(word2)
+        n0, n1 = _normal_pair(word0)
+        n2, n3 = _normal_pair(word1)
+        n4, _ = _normal_pair(word2)
         s = state[i]
         sigma, sigma_w, length, length_w = scales(height[i], w20_mps)
         if start:
@@ -131,9 +131,9 @@ def gust(
             d = step_s * speed / length
             a = math.exp(-d)
             s[0] = a * s[0] + math.sqrt(-math.expm1(-2.0 * d)) * n0
-            s[1], s[2] = _coloured(s[1], s[2], a, d, n1, n2)
+            s[1], s[2] = _step_chain(s[1], s[2], a, d, n1, n2)
             d = step_s * speed / length_w
-            s[3], s[4] = _coloured(s[3], s[4], math.exp(-d), d, n3, n4)
+            s[3], s[4] = _step_chain(s[3], s[4], math.exp(-d), d, n3, n4)
         # (1 + √3·T·s) applied to the second state of the chain has variance 2
         u = sigma * s[0]
         v = sigma * _PER_ROOT2 * (_ROOT3 * s[1] + (1.0 - _ROOT3) * s[2])

@@ -85,21 +85,21 @@ class World:
         self._air = np.tile(self._steady, (n, 1))
         self._gusts = np.zeros((n, turbulence.STATES))
         self._gust_seed = np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF)
-        self._who = np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64)
-        self._gusted: Time | None = None
+        self._addresses = np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64)
+        self._gusted_ns: Time | None = None
         self._batteries = np.array([battery.battery_row(AIRFRAMES[name]) for name in names])
         self._charge = np.array([body.charge for body in bodies], dtype=np.float64)
         self._battery_v = np.zeros(n)
         self._battery_a = np.zeros(n)
         self._work_j = np.zeros(n)
-        self._drawn: Time = 0
+        self._discharged_ns: Time = 0
         self._alive = np.ones((n, MOTORS), dtype=np.uint8)
         self._limit = np.zeros((n, MOTORS))
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
         self._imposed = Imposed(n, step_s)
         self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
         self._contacts = Contacts(self.vehicles, city)
-        self._sensing = Sensing(sensors, self.vehicles, self._seen(), self._commands, self._power())
+        self._sensing = Sensing(sensors, self.vehicles, self._sensed_state(), self._commands, self._power_state())
         self._bind()
         self._contacts.begin(self._bodies)
         self._discharge(0.0)
@@ -111,11 +111,11 @@ class World:
             self._accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
             self._height[i] = body.up_m - self._floor[i]
 
-    def _seen(self) -> tuple[Floats, ...]:
+    def _sensed_state(self) -> tuple[Floats, ...]:
         """The arrays that sensors read."""
         return self._rates, self._accel, self._attitude, self._position, self._velocity, self._height
 
-    def _power(self) -> tuple[Floats, Floats, Floats]:
+    def _power_state(self) -> tuple[Floats, Floats, Floats]:
         """Voltage and current at the batteries' terminals, and the resulting rotor speeds."""
         return self._battery_v, self._battery_a, self._rotor_radps
 
@@ -179,7 +179,7 @@ class World:
             self._imposed.led,
             self._flags,
         )
-        self._sensing.bind(self._seen(), self._commands, self._power())
+        self._sensing.bind(self._sensed_state(), self._commands, self._power_state())
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the views: copied arrays get views of their own."""
@@ -202,7 +202,7 @@ class World:
         is before the last tick.
         """
         if self._now is None:
-            self._now = self._drawn = now
+            self._now = self._discharged_ns = now
             self._sensing.sample(now)
             return _NO_NOTES
         steps = (now - self._now) // self.quantum_ns
@@ -218,29 +218,29 @@ class World:
         """One quantum from `start`."""
         end = self._now = start + self.quantum_ns
         if self._wind.turbulence_mps > 0.0 and (
-            self._gusted is None or start // turbulence.GUST_NS > self._gusted // turbulence.GUST_NS
+            self._gusted_ns is None or start // turbulence.GUST_NS > self._gusted_ns // turbulence.GUST_NS
         ):
             self._gust(start)
         events = multirotor.advance(*self._arguments)
         if len(self._imposed.rows):
             events += self._imposed.follow(*self._followed)
-        if end // battery.BATTERY_NS > self._drawn // battery.BATTERY_NS:
-            self._discharge((end - self._drawn) / NS_PER_S)
-            self._drawn = end
+        if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
+            self._discharge((end - self._discharged_ns) / NS_PER_S)
+            self._discharged_ns = end
         collided = self._contacts.look(end, self._step_s, float(self._stride[0]), self._bodies)
         if events == 0:
             return collided
         return [*collided, *self._notes()]
 
     def _gust(self, now: Time) -> None:
-        since = self._gusted
+        since = self._gusted_ns
         turbulence.gust(
             since is None,
             0.0 if since is None else (now - since) / NS_PER_S,
             self._gust_seed,
             np.uint64(hash64(turbulence.STREAM)),
             np.uint64(now & 0xFFFFFFFFFFFFFFFF),
-            self._who,
+            self._addresses,
             self._steady,
             self._wind.turbulence_mps,
             self._velocity,
@@ -248,7 +248,7 @@ class World:
             self._gusts,
             self._air,
         )
-        self._gusted = now
+        self._gusted_ns = now
 
     def _discharge(self, seconds: float) -> None:
         battery.discharge(

@@ -56,7 +56,7 @@ def pack_of(bodies: list[bytes], version: int) -> bytes:
     """The pack of 1…9 messages of 25 bytes each."""
     if not 1 <= len(bodies) <= PACK_MOST:
         raise ValueError(f"{len(bodies)} messages in a pack, expected 1…{PACK_MOST}")
-    return bytes([_first(MessageType.MESSAGE_PACK, version), SIZE, len(bodies)]) + b"".join(bodies)
+    return bytes([_first_byte(MessageType.MESSAGE_PACK, version), SIZE, len(bodies)]) + b"".join(bodies)
 
 
 def _single(message: Single) -> bytes:
@@ -74,7 +74,7 @@ def _nibbles(high: int, low: int, what: str) -> int:
     return high << 4 | low
 
 
-def _first(message_type: int, version: int) -> int:
+def _first_byte(message_type: int, version: int) -> int:
     return _nibbles(message_type, version, "message type and version")
 
 
@@ -91,7 +91,9 @@ def _text(text: str, size: int, what: str) -> bytes:
 def _basic_id(message: BasicId) -> bytes:
     kinds = _nibbles(message.id_type, message.ua_type, "id_type and ua_type")
     return (
-        bytes([_first(MessageType.BASIC_ID, message.version), kinds]) + _text(message.uas_id, 20, "uas_id") + bytes(3)
+        bytes([_first_byte(MessageType.BASIC_ID, message.version), kinds])
+        + _text(message.uas_id, 20, "uas_id")
+        + bytes(3)
     )
 
 
@@ -112,12 +114,12 @@ def _location(message: Location) -> bytes:
             values.encode_time(message.timestamp_s), _nibbles(0, message.timestamp_accuracy, "timestamp accuracy"),
         )
     )  # fmt: skip
-    body[0] = _first(MessageType.LOCATION, message.version)
+    body[0] = _first_byte(MessageType.LOCATION, message.version)
     return bytes(body)
 
 
 def _authentication(message: Authentication) -> bytes:
-    first = _first(MessageType.AUTHENTICATION, message.version)
+    first = _first_byte(MessageType.AUTHENTICATION, message.version)
     kinds = _nibbles(message.auth_type, message.page, "auth_type and page")
     size = PAGE_DATA if message.page else PAGE_0_DATA
     if len(message.data) > size:
@@ -129,7 +131,7 @@ def _authentication(message: Authentication) -> bytes:
 
 
 def _self_id(message: SelfId) -> bytes:
-    head = struct.pack("BB", _first(MessageType.SELF_ID, message.version), message.description_type)
+    head = struct.pack("BB", _first_byte(MessageType.SELF_ID, message.version), message.description_type)
     return head + _text(message.text, 23, "text")
 
 
@@ -147,18 +149,18 @@ def _system(message: System) -> bytes:
         _nibbles(message.category, message.ua_class, "category and ua_class"),
         values.encode_altitude(message.operator_alt_geo_m), message.timestamp_s,
     )  # fmt: skip
-    return bytes([_first(MessageType.SYSTEM, message.version)]) + body[1:]
+    return bytes([_first_byte(MessageType.SYSTEM, message.version)]) + body[1:]
 
 
 def _operator_id(message: OperatorId) -> bytes:
-    head = struct.pack("BB", _first(MessageType.OPERATOR_ID, message.version), message.operator_id_type)
+    head = struct.pack("BB", _first_byte(MessageType.OPERATOR_ID, message.version), message.operator_id_type)
     return head + _text(message.operator_id, 20, "operator_id") + bytes(3)
 
 
 def _reserved(message: Reserved) -> bytes:
     if len(message.data) != SIZE - 1:
         raise ValueError(f"{len(message.data)} bytes of data, expected {SIZE - 1}")
-    return bytes([_first(message.message_type, message.version)]) + message.data
+    return bytes([_first_byte(message.message_type, message.version)]) + message.data
 
 
 _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {

@@ -133,7 +133,7 @@ class BasicId(NamedTuple):
 
 
 class Location(NamedTuple):
-    """Where is it, and where does it go?"""
+    """Position, velocity and status of an aircraft, with their accuracies."""
 
     status: int = Status.UNDECLARED
     lat_deg: float | None = None

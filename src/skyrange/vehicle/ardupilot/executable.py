@@ -57,7 +57,7 @@ def ailment(data: bytes, machine: str) -> str:
     For a machine that is not listed, any word length and type is accepted.
     """
     if not data.startswith(b"\x7fELF"):
-        return _named(data)
+        return _file_kind(data)
     bits, order = {1: 32, 2: 64}.get(_at(data, 4)), _BYTE_ORDERS.get(_at(data, 5))
     if bits is None or order is None:
         return "an ELF file with a broken header"
@@ -95,7 +95,7 @@ def _at(data: bytes, index: int) -> int:
     return data[index] if index < len(data) else -1
 
 
-def _named(data: bytes) -> str:
+def _file_kind(data: bytes) -> str:
     """The kind of a file that is not ELF."""
     start = data[:512].lstrip()
     if not data:

@@ -121,7 +121,7 @@ class Fleet(ABC):
         self._folder: TemporaryDirectory[str] | None = None
         self._instances: list[Instance] = []
         self._switchboard = Switchboard()
-        self._unheard: set[int] = set(range(len(specs)))
+        self._unconnected: set[int] = set(range(len(specs)))
         """Rows of which not all serial ports are connected."""
         self._commands = np.zeros((len(specs), MOTORS))
         self._skew = Skew()
@@ -147,7 +147,7 @@ class Fleet(ABC):
         """The parameters of one aircraft. Raises `InputError` with everything that is wrong with the given ones."""
 
     @abstractmethod
-    def _launch(self, **arguments: Any) -> Sitl:
+    def _start_process(self, **arguments: Any) -> Sitl:
         """Start a process; `arguments` are those that every `Sitl` takes."""
 
     def _check(self) -> None:
@@ -192,7 +192,7 @@ class Fleet(ABC):
                 "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
             }
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
-            self._instances.append(Instance(spec, values, arguments, self._launch(**arguments), packer))
+            self._instances.append(Instance(spec, values, arguments, self._start_process(**arguments), packer))
 
     def _own_folder(self, vehicle: str, suffix: str = "") -> Path:
         assert self._folder is not None
@@ -200,10 +200,10 @@ class Fleet(ABC):
         folder.mkdir()
         return folder
 
-    def _launch_again(self, one: Instance, suffix: str) -> None:
+    def _restart_process(self, one: Instance, suffix: str) -> None:
         """Start the same in a folder of another name, after ending the previous process."""
         one.sitl.close()
-        one.sitl = self._launch(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
+        one.sitl = self._start_process(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
 
     def leaves(self) -> Mapping[str, Path]:
         """The DataFlash logs to keep, by their names in the run's folder; they exist until `close`."""
@@ -239,7 +239,7 @@ class Fleet(ABC):
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Contract: `agent.contracts.Engine`."""
 
-    def _hand_over(self, sensors: Sensors, inbox: Inbox) -> None:
+    def _deliver_inputs(self, sensors: Sensors, inbox: Inbox) -> None:
         """Give each process its frames and its GNSS fix."""
         for arrival in inbox:
             one = self._instances[self._places[arrival.port]]
@@ -251,53 +251,53 @@ class Fleet(ABC):
             if one.alive:
                 one.sitl.write(PRIVATE, one.onboard.pack(self._receivers.message(sensors, row)))
 
-    def _hear(self, tick: Time, outbox: Outbox, wait_s: float = 0.0) -> None:
+    def _read_ports(self, tick: Time, outbox: Outbox, wait_s: float = 0.0) -> None:
         """Read what the processes sent, waiting up to `wait_s` for the first; before time 0 nothing is delivered."""
-        for row in sorted(self._unheard):
+        for row in sorted(self._unconnected):
             sitl = self._instances[row].sitl
             if self._instances[row].alive:
                 for place in sitl.accept():
                     self._switchboard.add(row, place, sitl)
                     self._connected(row, place, outbox)
             if sitl.connected:
-                self._unheard.discard(row)
+                self._unconnected.discard(row)
         for row, place in self._switchboard.speaking(wait_s):
             one = self._instances[row]
             data = one.sitl.read(place)
             if one.sitl.serial[place] is None:  # closed
-                self._unheard.add(row)
+                self._unconnected.add(row)
             if place == PRIVATE:
-                self._learn(tick, row, data, outbox)
+                self._on_private_data(tick, row, data, outbox)
             else:
-                self._pass_on(tick, row, one, data, outbox)
+                self._on_public_data(tick, row, one, data, outbox)
 
     def _connected(self, row: int, place: int, outbox: Outbox) -> None:  # noqa: B027 (optional)
         """Its serial port `place` has connected, for the first time or again."""
 
-    def _learn(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:
+    def _on_private_data(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:
         """Process the reports on its private port."""
         one = self._instances[row]
         for piece in one.private.feed(data):
             if piece.garbage:
                 continue
             message = decode(piece.data)
-            self._reported(tick, row, message, outbox)
+            self._on_report(tick, row, message, outbox)
             for kind, told in one.witness.reported(message):
                 if tick >= 0:
                     outbox.note(kind, one.spec.vehicle, told)
         if one.witness.mode >= 0 and one.asked < len(self.reports):
-            self._ask(one)
+            self._request_report(one)
         paired = one.signs or one.spec.signing_key is None
         if one.witness.mode >= 0 and not paired:
-            self._pair(one)
+            self._send_signing_key(one)
         if one.status is InstanceStatus.BOOTING and paired and one.witness.flags & POSITIONED:
             one.status = InstanceStatus.READY
 
     @abstractmethod
-    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+    def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         """Handle one message from its private port."""
 
-    def _pass_on(self, tick: Time, row: int, one: Instance, data: bytes, outbox: Outbox) -> None:
+    def _on_public_data(self, tick: Time, row: int, one: Instance, data: bytes, outbox: Outbox) -> None:
         """Deliver what its public port sends on the link `autopilot`."""
         for piece in one.deframer.feed(data):
             one.signs |= not piece.garbage and is_signed(piece.data)
@@ -308,14 +308,14 @@ class Fleet(ABC):
                 for kind, told in one.witness.said(piece.data):
                     outbox.note(kind, one.spec.vehicle, told)
 
-    def _pair(self, one: Instance) -> None:
+    def _send_signing_key(self, one: Instance) -> None:
         """Send its signing key on the private port; it stores the key across reboots, and never acknowledges it."""
         key = one.spec.signing_key
         assert key is not None
         setup = dialect.MAVLink_setup_signing_message(one.spec.system_id, 1, list(key.secret), key.initial)
         one.sitl.write(PRIVATE, one.onboard.pack(setup))
 
-    def _ask(self, one: Instance) -> None:
+    def _request_report(self, one: Instance) -> None:
         """Request its next report on the private port."""
         number, rate_hz = list(self.reports.items())[one.asked]
         ask = dialect.MAVLink_command_long_message(

@@ -36,12 +36,12 @@ def parameters_of(binary: Path, sha256: str, text: str = "") -> Mapping[str, flo
             parameters=text + "LOG_BACKEND_TYPE 0\n", options=("--unhide-groups",),
         )  # fmt: skip
         try:
-            return _ask(sitl)
+            return _request_list(sitl)
         finally:
             sitl.close()
 
 
-def _ask(sitl: LockstepSitl) -> Mapping[str, float]:
+def _request_list(sitl: LockstepSitl) -> Mapping[str, float]:
     packer, deframer = Packer(_STATION, dialect.MAV_COMP_ID_MISSIONPLANNER), Deframer()
     found: dict[str, float] = {}
     total, asked = -1, False

@@ -33,7 +33,7 @@ _LENGTH: Final = 512
 _LIKE_C: Final = (b"%.12f", b"%.9g", b"%.6g")
 
 
-def _between() -> list[bytes]:
+def _parts() -> list[bytes]:
     """The text before, between and after the numbers."""
     text = _LINE
     for conversion in _LIKE_C:
@@ -41,11 +41,11 @@ def _between() -> list[bytes]:
     return text.split(b"\0")
 
 
-_TEXT: Final = np.frombuffer(b"".join(_between()), dtype=np.uint8).copy()
-_ENDS: Final = np.cumsum([len(part) for part in _between()])
+_TEXT: Final = np.frombuffer(b"".join(_parts()), dtype=np.uint8).copy()
+_ENDS: Final = np.cumsum([len(part) for part in _parts()])
 _POWERS: Final = np.array([float(f"1e{k}") for k in range(23)])
 """Powers of ten, all that a double holds exactly."""
-_LEAST, _MOST = 1e-30, 1e15
+_MIN_SIZE, _MAX_SIZE = 1e-30, 1e15
 _0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
 
 
@@ -187,7 +187,7 @@ def _general(value: float, digits: int, line: Bytes, at: int) -> int:
     if size == 0.0:
         line[at] = _0
         return at + 1
-    if not _LEAST < size < _MOST:
+    if not _MIN_SIZE < size < _MAX_SIZE:
         return 0
     exponent = math.floor(math.log10(size))
     number = _scaled(size, digits - 1 - exponent)
@@ -204,7 +204,7 @@ def _general(value: float, digits: int, line: Bytes, at: int) -> int:
         number //= 10
         digits -= 1
     if not -4 <= exponent < wanted:  # the rule of C
-        at = _pointed(number, digits, 1, line, at)
+        at = _decimal(number, digits, 1, line, at)
         line[at], line[at + 1] = _E, _MINUS if exponent < 0 else _PLUS
         _digits(abs(exponent), 2, line, at + 2)
         return at + 4
@@ -215,11 +215,11 @@ def _general(value: float, digits: int, line: Bytes, at: int) -> int:
     while digits <= exponent:
         number *= 10
         digits += 1
-    return _pointed(number, digits, exponent + 1, line, at)
+    return _decimal(number, digits, exponent + 1, line, at)
 
 
 @kernel
-def _pointed(number: int, digits: int, before: int, line: Bytes, at: int) -> int:
+def _decimal(number: int, digits: int, before: int, line: Bytes, at: int) -> int:
     """Write digits with `before` of them before the decimal point; returns the end."""
     if digits == before:
         _digits(number, digits, line, at)

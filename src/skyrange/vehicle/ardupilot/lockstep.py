@@ -51,7 +51,7 @@ class LockstepFleet(Fleet):
         self._sitls: list[LockstepSitl] = []
         self._tick: Time | None = None
         self._mean = MeanForce(len(specs))
-        self._skips = False
+        self._skips_ticks = False
         """Whether any aircraft has no exchange in some ticks."""
         self._motion: Motion | None = None
         """At the last tick with exchanges."""
@@ -71,7 +71,7 @@ class LockstepFleet(Fleet):
         """Those of them that answer in this tick."""
         self._status = [InstanceStatus.BOOTING for _ in specs]
         """As last returned."""
-        self._sharing: Pair | None = None
+        self._core_sharing: Pair | None = None
         """Shares the processor with the process, if there is only one."""
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
@@ -80,10 +80,10 @@ class LockstepFleet(Fleet):
             spec.vehicle, airframe, spec.params, self._listed, gnss_lag_ms, self._options.rates
         )
 
-    def _launch(self, **arguments: Any) -> LockstepSitl:
+    def _start_process(self, **arguments: Any) -> LockstepSitl:
         return LockstepSitl(**arguments, logs=self._options.keep_logs)
 
-    def _come_up(self) -> None:
+    def _wait_for_start(self) -> None:
         """Wait until every process has sent its first packet, each from a port of its own."""
         deadline = wall_s() + START_S
         taken: set[int] = set()
@@ -95,7 +95,7 @@ class LockstepFleet(Fleet):
                     raise sitl.lost(f"did not come up within {START_S:g} s")
                 if sitl.port not in taken:
                     break
-                self._launch_again(one, f"-{again + 2}")  # two share a port: one of them would not receive
+                self._restart_process(one, f"-{again + 2}")  # two share a port: one of them would not receive
                 sitl = self._sitl(one)
             taken.add(sitl.port)
             self._sitls.append(sitl)
@@ -103,14 +103,14 @@ class LockstepFleet(Fleet):
             self._per_tick[row], ticks[row] = rates
             moments[row] = parameters.moments_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
         self._step_ns = QUANTUM_NS * ticks // self._per_tick
-        self._skips = bool((ticks > 1).any())
+        self._skips_ticks = bool((ticks > 1).any())
         count, most = len(self._sitls), int((self._per_tick * moments).max())
         self._live = np.arange(count)
         self._exchanges = Exchanges(self._sitls, most)
         self._batches = Batches(self._per_tick, ticks, moments)
         self._writer = Writer(count, most)
         if count == 1:
-            self._sharing = Pair(self._sitls[0].program)
+            self._core_sharing = Pair(self._sitls[0].program)
 
     def _sitl(self, one: Instance) -> LockstepSitl:
         assert isinstance(one.sitl, LockstepSitl)
@@ -120,8 +120,8 @@ class LockstepFleet(Fleet):
         """Give each process its frames, its fix and the first step of the tick."""
         if not self._instances:
             self._start(tick, sensors)
-            self._come_up()
-        self._hand_over(sensors, inbox)
+            self._wait_for_start()
+        self._deliver_inputs(sensors, inbox)
         if self._tick is not None and tick - self._tick != QUANTUM_NS:
             raise ComponentError(
                 f"engine {self.name}", f"a tick of {tick - self._tick} ns", f"It needs a quantum of {QUANTUM_NS} ns"
@@ -129,12 +129,12 @@ class LockstepFleet(Fleet):
         self._tick = tick
         assert self._batches is not None
         rows = self._batches.at(tick // QUANTUM_NS, self._live)
-        if self._skips:
+        if self._skips_ticks:
             self._mean.feel(sensors.accel_mps2)
         self._due = rows
         if len(rows):
             after = motion_of(sensors, self._home_up_m)
-            if self._skips:
+            if self._skips_ticks:
                 self._mean.put(after, rows)
             before, self._motion = (self._motion if self._motion is not None else after), after
             self._due = self._send(rows, before, after)
@@ -156,13 +156,13 @@ class LockstepFleet(Fleet):
         booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
-        if self._sharing is not None:
-            self._sharing.give_way()
+        if self._core_sharing is not None:
+            self._core_sharing.give_way()
         self._collect(deadline, outbox)
         if len(self._live) < len(self._instances):
             lost = np.setdiff1d(np.arange(len(self._instances)), self._live)
             self._commands[lost] = 0.0  # speed controllers stop without a signal
-        self._hear(tick, outbox)
+        self._read_ports(tick, outbox)
         self._status = [one.status for one in self._instances]
         return Finished(self._commands, outbox, self._status)
 
@@ -177,7 +177,7 @@ class LockstepFleet(Fleet):
         lost = False
         for row in exchanges.take(due, batches.lines):
             while exchanges.taken[row] < batches.lines[row]:
-                if not self._take_late(row, deadline, outbox):
+                if not self._wait_late(row, deadline, outbox):
                     lost = True
                     break
         batches.answered(due, exchanges.taken, exchanges.answers)
@@ -187,7 +187,7 @@ class LockstepFleet(Fleet):
             due = np.intersect1d(due, self._live)
         commands_of(exchanges.answers, exchanges.taken - 1, due, self._commands)
 
-    def _take_late(self, row: int, deadline: float, outbox: Outbox) -> bool:
+    def _wait_late(self, row: int, deadline: float, outbox: Outbox) -> bool:
         """Wait for an answer that was not there; returns whether more answers to this tick can come
         from that process.
         """
@@ -204,6 +204,6 @@ class LockstepFleet(Fleet):
             return False
         return True
 
-    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+    def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         if tick >= 0 and message.get_type() == "GLOBAL_POSITION_INT":
             self._skew.seen(row, message.time_boot_ms * NS_PER_MS - int(self._steps[row] * self._step_ns[row]))

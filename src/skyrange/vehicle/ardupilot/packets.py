@@ -67,7 +67,7 @@ STANDING: Final = Motion(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 1.0,
 def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
     """Convert sensor readings to ArduPilot's frames. ArduPilot derives its compass from the true attitude."""
     rows = np.empty((len(home_up_m), WIDTH))
-    _turn(
+    _to_ned(
         sensors.gyro_radps, sensors.accel_mps2, sensors.baro_up_m, sensors.attitude, sensors.rangefinder_m, home_up_m,
         rows,
     )  # fmt: skip
@@ -75,7 +75,7 @@ def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
 
 
 @kernel
-def _turn(
+def _to_ned(
     gyro: Floats, force: Floats, baro_up: Floats, attitude: Floats, above: Floats, home_up: Floats, rows: Floats
 ) -> None:
     for i in range(len(rows)):
@@ -121,7 +121,7 @@ class MeanForce:
 
     def feel(self, force_mps2: Floats) -> None:
         """Add the specific forces of a tick: (n, 3), forward-left-up as from the sensors."""
-        _feel(force_mps2, self._sum, self._ticks)
+        _add_force(force_mps2, self._sum, self._ticks)
 
     def put(self, motion: Motion, due: NDArray[np.int64]) -> None:
         """Replace the last tick's values by the means; the sums of the rows that are `due` start anew."""
@@ -129,7 +129,7 @@ class MeanForce:
 
 
 @kernel
-def _feel(force: Floats, total: Floats, ticks: Floats) -> None:
+def _add_force(force: Floats, total: Floats, ticks: Floats) -> None:
     for i in range(len(force)):
         for k in range(3):
             total[i, k] += force[i, k]

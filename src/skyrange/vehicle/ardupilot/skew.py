@@ -12,7 +12,7 @@ class Skew:
         self._last: dict[int, Time] = {}
         self._count = 0
         self._total = 0
-        self._most = 0
+        self._max = 0
         self._between = 0
 
     def seen(self, row: int, ahead_ns: Time) -> None:
@@ -20,7 +20,7 @@ class Skew:
         self._last[row] = ahead_ns
         self._count += 1
         self._total += abs(ahead_ns)
-        self._most = max(self._most, abs(ahead_ns))
+        self._max = max(self._max, abs(ahead_ns))
         self._between = max(self._between, max(self._last.values()) - min(self._last.values()))
 
     def forget(self, row: int) -> None:
@@ -34,5 +34,5 @@ class Skew:
         """
         if not self._count:
             return {}
-        parts = {"mean": self._total / self._count, "max": self._most, "between": self._between}
+        parts = {"mean": self._total / self._count, "max": self._max, "between": self._between}
         return {name: round(part / NS_PER_MS, 3) for name, part in parts.items()}

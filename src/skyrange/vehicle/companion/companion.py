@@ -99,11 +99,11 @@ class Companion:
                 for spec in self.specs
             ]
         ).reshape(count, 3)
-        self._asking = Asking(self._avoids)
-        self._guards: dict[int, Guard] = {}
+        self._requests = Asking(self._avoids)
+        self._handovers: dict[int, Guard] = {}
         self._counts = np.zeros((count, len(_COUNTS)), dtype=np.int64)
         self._bad = np.zeros(count, dtype=np.int64)
-        self._trouble = np.full(count, -1, dtype=np.int64)
+        self._arm_status = np.full(count, -1, dtype=np.int64)
         self._look_ns: Time = LOOK_NS
         self._second_ns: Time = NS_PER_S
 
@@ -119,11 +119,11 @@ class Companion:
         """Take in what arrived, then do what is due."""
         out = Outbox()
         if len(inbox):
-            self._listen(now, inbox, out)
+            self._receive(now, inbox, out)
         if now >= self._look_ns:
             self._look_ns = now - now % LOOK_NS + LOOK_NS
             if self._avoids.any():
-                self._look(now, out)
+                self._check_conflicts(now, out)
         if now >= self._second_ns:
             self._second_ns = now - now % NS_PER_S + NS_PER_S
             self._each_second(now, out)
@@ -136,7 +136,7 @@ class Companion:
 
     # --- what comes in -------------------------------------------------------------------------
 
-    def _listen(self, now: Time, inbox: Inbox, out: Outbox) -> None:
+    def _receive(self, now: Time, inbox: Inbox, out: Outbox) -> None:
         mail = inbox.columns(self._places)
         if self._signed is not None:
             mail = self._signed.open(now, inbox, mail, out)
@@ -146,9 +146,9 @@ class Companion:
             self._beliefs.update(vehicle[data], mail.at_ns[data], mail.payloads.take(data))
         heard = np.flatnonzero(side == _SIDES - 1)
         if heard.size:
-            self._hear(inbox, mail, vehicle, heard)
+            self._receive_broadcasts(inbox, mail, vehicle, heard)
 
-    def _hear(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
+    def _receive_broadcasts(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
         rid = read_rows(mail.payloads.take(heard))
         said = location_rows(rid.bodies)
         ref, serial = self._refs.read(inbox, mail.order[heard])
@@ -157,17 +157,17 @@ class Companion:
 
     # --- detect and avoid ------------------------------------------------------------------------
 
-    def _look(self, now: Time, out: Outbox) -> None:
+    def _check_conflicts(self, now: Time, out: Outbox) -> None:
         """Find conflicts, and decide for each aircraft that has one or is avoiding."""
         table = self._beliefs.table
         placed = fresh(table["place_ns"], now, PLACE_NS) & fresh(table["beat_ns"], now, BEAT_NS)
         flying = placed & (table["armed"] == 1) & (table["state"] >= mav.MAV_STATE_ACTIVE)
         free = self._avoids & flying & (table["mode"] == wire.AUTO) & (table["state"] == mav.MAV_STATE_ACTIVE)
         free &= table["above_home_m"] >= FLOOR_M
-        places, velocities = self._own(now)
+        places, velocities = self._own_motion(now)
         found = conflicts(self.tracks, now, places, velocities, self._limits, free)
-        for row in sorted({*np.flatnonzero(found).tolist(), *self._guards}):
-            guard = self._guards.get(row) or Guard()
+        for row in sorted({*np.flatnonzero(found).tolist(), *self._handovers}):
+            guard = self._handovers.get(row) or Guard()
             mode, beat_ns = int(table["mode"][row]), int(table["beat_ns"][row])
             failsafe = int(table["state"][row]) >= mav.MAV_STATE_CRITICAL
             order = guard.observe(now, mode, beat_ns, bool(flying[row]), failsafe)
@@ -175,14 +175,14 @@ class Companion:
                 self._carry_out(now, row, order, None, (), out)
             may = guard.engaged or (bool(free[row]) and now >= guard.quiet_until_ns)
             if may and not (guard.hold is Hold.GIVING and not found[row]):
-                own = self._state(now, row, guard, places, velocities)
+                own = self._own_state(now, row, guard, places, velocities)
                 self._decide(now, row, guard, own, out)
             if guard.engaged or now < max(guard.quiet_until_ns, guard.left_ns + GOAL_NS):
-                self._guards[row] = guard
+                self._handovers[row] = guard
             else:
-                self._guards.pop(row, None)
+                self._handovers.pop(row, None)
 
-    def _own(self, now: Time) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _own_motion(self, now: Time) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n, 3) current positions and velocities, as believed, in the local frame."""
         table = self._beliefs.table
         velocity = np.column_stack((table["vel_e"], table["vel_n"], -table["vel_d"]))
@@ -191,7 +191,7 @@ class Companion:
         age_s = np.clip((now - table["place_ns"]) / NS_PER_S, 0.0, PLACE_NS / NS_PER_S)
         return np.column_stack((east, north, up)) + velocity * age_s[:, None], velocity
 
-    def _state(
+    def _own_state(
         self, now: Time, row: int, guard: Guard, places: NDArray[np.float64], velocities: NDArray[np.float64]
     ) -> Own:
         """The aircraft's own believed state, with the goal of the mission that it flies or has left."""
@@ -258,36 +258,36 @@ class Companion:
                     data |= dict(zip(("east_m", "north_m", "up_m"), decision.waypoint_enu_m, strict=True))
             out.note(order.note, spec.vehicle, data, causes)
         if order.mode is not None:
-            self._say(row, wire.set_mode(spec.system_id, order.mode), causes, out)
+            self._send_command(row, wire.set_mode(spec.system_id, order.mode), causes, out)
             if order.mode != wire.RTL:
-                self._say(row, wire.set_speed(spec.system_id, spec.cruise_mps), causes, out)
+                self._send_command(row, wire.set_speed(spec.system_id, spec.cruise_mps), causes, out)
         if order.place is not None:
-            self._say(row, wire.go_to(spec.system_id, boot_ms, self._origin, order.place), causes, out)
+            self._send_command(row, wire.go_to(spec.system_id, boot_ms, self._origin, order.place), causes, out)
         elif order.stop:
-            self._say(row, wire.hold(spec.system_id, boot_ms), causes, out)
+            self._send_command(row, wire.hold(spec.system_id, boot_ms), causes, out)
 
     # --- once a second ---------------------------------------------------------------------------
 
     def _each_second(self, now: Time, out: Outbox) -> None:
         """Request what is missing, report the status of Remote ID, and note counters."""
         table = self._beliefs.table
-        for row, want in self._asking.due(now, table, wire.AUTO):
+        for row, want in self._requests.due(now, table, wire.AUTO):
             interval_us = want.interval_ns // 1000
-            self._say(row, wire.set_interval(self.specs[row].system_id, want.message, interval_us), (), out)
+            self._send_command(row, wire.set_interval(self.specs[row].system_id, want.message, interval_us), (), out)
         trouble = self._broadcaster.troubles(now, self._beliefs)
         beating = table["beat_ns"] >= 0
-        changed = beating & (trouble != self._trouble)
-        self._trouble[changed] = trouble[changed]
+        changed = beating & (trouble != self._arm_status)
+        self._arm_status[changed] = trouble[changed]
         for row in np.flatnonzero(changed).tolist():
             words = TROUBLES[trouble.item(row)]
             out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not words, "trouble": words})
         rows = np.flatnonzero(beating & self._broadcaster.of_autopilot)
         if rows.size:
-            self._tell_transmission(now, rows, out)
+            self._send_identity(now, rows, out)
         # before take-off every second, as a transmitter does; in flight on a change, always to one with ODID
         asked = changed | (table["armed"] == 0) | self._broadcaster.of_autopilot
         for row in np.flatnonzero(beating & asked).tolist():
-            self._say(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
+            self._send_command(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
         counts = np.column_stack((self.tracks.counts, self._bad + table["bad"]))
         for row, column in np.argwhere(counts != self._counts).tolist():
             count = counts.item(row, column)
@@ -295,12 +295,12 @@ class Companion:
                 out.note(_COUNTS[column], self.specs[row].vehicle, {"count": count})
         self._counts = counts
 
-    def _tell_transmission(self, now: Time, rows: Ints, out: Outbox) -> None:
+    def _send_identity(self, now: Time, rows: Ints, out: Outbox) -> None:
         """Send autopilots with Open Drone ID their identity and the operator's location, as a ground station would."""
         for row, said in zip(rows.tolist(), self._broadcaster.told(rows, now, self._beliefs), strict=True):
             target = (self.specs[row].system_id, wire.AUTOPILOT)
             for message in said:
-                self._say(row, to_mavlink(message, target=target), (), out)
+                self._send_command(row, to_mavlink(message, target=target), (), out)
 
-    def _say(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
+    def _send_command(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
         out.send(self.speaks[row], self._packers[row].pack(message), causes)

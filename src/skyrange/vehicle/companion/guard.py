@@ -116,7 +116,7 @@ class Guard:
             self.goal_enu_m = goal_enu_m
             order.mode, order.note = GUIDED, "decision.avoid"
         told = (action, decision.waypoint_enu_m)
-        same = self.told is not None and self.told[0] is action and _near(self.told[1], told[1])
+        same = self.told is not None and self.told[0] is action and _same_waypoint(self.told[1], told[1])
         if same and now - self.told_ns < TELL_NS:
             return None
         if not same:
@@ -131,6 +131,6 @@ class Guard:
         return Order(note=note)
 
 
-def _near(one: Vector | None, two: Vector | None) -> bool:
+def _same_waypoint(one: Vector | None, two: Vector | None) -> bool:
     """Whether two waypoints are the same to the autopilot."""
     return one == two if one is None or two is None else math.dist(one, two) < SAME_M

@@ -57,18 +57,18 @@ class Contact:
             dialect.MAVLINK_MSG_ID_ATTITUDE: rate_hz,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: STATE_HZ,
         }
-        self._came: dict[int, int] = dict.fromkeys(self._asked, 0)
-        self._pause_s: dict[int, float] = dict.fromkeys(self._asked, LOOK_S)
-        self._ask_s: dict[int, float] = dict.fromkeys(self._asked, 0.0)
-        self._looked_s = -math.inf
+        self._received: dict[int, int] = dict.fromkeys(self._asked, 0)
+        self._retry_s: dict[int, float] = dict.fromkeys(self._asked, LOOK_S)
+        self._next_request_s: dict[int, float] = dict.fromkeys(self._asked, 0.0)
+        self._checked_s = -math.inf
         self._heard_s = -math.inf
         """When it last sent anything, on the clock of the engine."""
-        self._placed_s = -math.inf
-        self._called_s = math.inf
+        self._position_s = -math.inf
+        self._reopened_s = math.inf
         """When its connection was last opened again."""
-        self._beats = 0
+        self._heartbeats = 0
         self._strangers: dict[int, int] = {}
-        self._elsewhere = False
+        self._out_of_range = False
         """Whether its reported position is beyond `REACH_M`."""
 
     # ---------------------------------------------------------------- to it
@@ -86,17 +86,17 @@ class Contact:
 
     def ask(self, now_s: float) -> None:
         """Request the messages that truth is made of, where they arrive less often than requested."""
-        if not self.wire.connected or now_s < self._looked_s + LOOK_S:
+        if not self.wire.connected or now_s < self._checked_s + LOOK_S:
             return
-        since_s, self._looked_s = now_s - self._looked_s, now_s
+        since_s, self._checked_s = now_s - self._checked_s, now_s
         for number, rate_hz in self._asked.items():
-            came, self._came[number] = self._came[number], 0
+            came, self._received[number] = self._received[number], 0
             if came >= ENOUGH * rate_hz * min(since_s, LOOK_S):
-                self._pause_s[number], self._ask_s[number] = LOOK_S, 0.0
-            elif now_s >= self._ask_s[number]:
-                self._ask_s[number] = now_s + self._pause_s[number]
+                self._retry_s[number], self._next_request_s[number] = LOOK_S, 0.0
+            elif now_s >= self._next_request_s[number]:
+                self._next_request_s[number] = now_s + self._retry_s[number]
                 if not came:
-                    self._pause_s[number] = min(2.0 * self._pause_s[number], SLOWEST_S)
+                    self._retry_s[number] = min(2.0 * self._retry_s[number], SLOWEST_S)
                 asks = self._packer.pack(_interval(self.spec.system_id, number, rate_hz))
                 if self.interlock.judge(asks) is None:
                     self.wire.write(asks)
@@ -109,35 +109,35 @@ class Contact:
             return
         sender = system_of(piece.data)
         if sender != self.spec.system_id:
-            self._stranger(sender or 0)
+            self._count_foreign(sender or 0)
             return
         message = decode(piece.data)
         if message.get_srcComponent() != AUTOPILOT:
             return
         self._heard_s = now_s
         number = int(type(message).id)
-        if number in self._came:
-            self._came[number] += 1
+        if number in self._received:
+            self._received[number] += 1
         if number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            self._beats += 1
+            self._heartbeats += 1
         elif number == dialect.MAVLINK_MSG_ID_ATTITUDE:
             self.reports.turned(message)
         elif number == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-            self._place(message, now_s, origin)
+            self._on_position(message, now_s, origin)
         for kind, told in (*self._witness.reported(message), *self._witness.said(piece.data)):
             self.note(kind, told)
 
-    def _place(self, message: Message, now_s: float, origin: Origin) -> None:
+    def _on_position(self, message: Message, now_s: float, origin: Origin) -> None:
         if message.time_boot_ms + 1000 < self.reports.boot_ms:
             self._witness = Witness()
             self.note("event.reboot", {"system_id": self.spec.system_id})
         late_ns = self.reports.moved(message, origin, now_s)
-        self._elsewhere = late_ns is None
+        self._out_of_range = late_ns is None
         if late_ns is None:
             return
-        self.late_ns, self._placed_s = late_ns, now_s
+        self.late_ns, self._position_s = late_ns, now_s
 
-    def _stranger(self, system: int) -> None:
+    def _count_foreign(self, system: int) -> None:
         count = self._strangers[system] = self._strangers.get(system, 0) + 1
         if count & (count - 1) == 0:
             self.note("event.foreign_system", {"system_id": system, "expected": self.spec.system_id, "count": count})
@@ -150,21 +150,21 @@ class Contact:
 
         A connection without data for that long is opened again.
         """
-        silent = now_s - self._placed_s > silent_s
+        silent = now_s - self._position_s > silent_s
         if self.status is not InstanceStatus.READY:
-            if not silent and self._beats:
+            if not silent and self._heartbeats:
                 self.status = InstanceStatus.READY
-                self._look_at_place()
+                self._check_start()
         elif silent:
             self.status = InstanceStatus.SILENT
             self.note("event.autopilot_lost", {"ended": "", "said": self.why})
-        if self._called_s == math.inf:
-            self._called_s = now_s  # the first time
-        if now_s - max(self._heard_s, self._called_s) > silent_s:
-            self._called_s = now_s
+        if self._reopened_s == math.inf:
+            self._reopened_s = now_s  # the first time
+        if now_s - max(self._heard_s, self._reopened_s) > silent_s:
+            self._reopened_s = now_s
             self.wire.again(f"nothing was heard for {silent_s:g} s")
 
-    def _look_at_place(self) -> None:
+    def _check_start(self) -> None:
         assert self.reports.place is not None
         away = [a - b for a, b in zip(self.reports.place.position_enu_m, self.spec.home_enu_m, strict=True)]
         far_m = math.hypot(*away)
@@ -185,14 +185,14 @@ class Contact:
         """What keeps it from being ready, in words; "" if nothing does."""
         if self.wire.trouble:
             return f"{self.wire.address}: {self.wire.trouble}"
-        if self._elsewhere:
+        if self._out_of_range:
             return f"{self.wire.address}: its position is over {REACH_M / 1e3:g} km from the origin; has it a fix?"
-        if self.reports.place is None or not self._beats:
+        if self.reports.place is None or not self._heartbeats:
             others = sorted(self._strangers)
             if others and self._heard_s == -math.inf:
                 ids = ", ".join(map(str, others[:4]))
                 return f"{self.wire.address}: system {ids} was heard, and not {self.spec.system_id}"
-            what = "nothing" if self._heard_s == -math.inf else "no position" if self._beats else "no heartbeat"
+            what = "nothing" if self._heard_s == -math.inf else "no position" if self._heartbeats else "no heartbeat"
             return f"{self.wire.address}: {what} was heard of system {self.spec.system_id}"
         return f"{self.wire.address}: it tells no position any more"
 

@@ -66,8 +66,8 @@ class External:
         self._truth = Truth(len(specs))
         self._motors = np.zeros((len(specs), MOTORS))
         """Their motor commands are unknown."""
-        self._began: tuple[Time, float] | None = None
-        self._said_open = False
+        self._started: tuple[Time, float] | None = None
+        self._noted_interlock = False
 
     def __deepcopy__(self, memo: dict[int, Any]) -> External:
         raise ComponentError(f"engine {self.name}", "external vehicles cannot be copied", "Fork a run of builtins")
@@ -75,7 +75,7 @@ class External:
     @property
     def manifest(self) -> dict[str, Any]:
         """The address of each vehicle, the state of the interlock, and after a flight what it passed and refused."""
-        counted = self._began is not None
+        counted = self._started is not None
         return {
             "interlock": self._interlock,
             "vehicles": {
@@ -97,8 +97,8 @@ class External:
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Send the frames that the interlock permits."""
-        if self._began is None:
-            self._began = tick, wall_s()
+        if self._started is None:
+            self._started = tick, wall_s()
         for arrival in inbox:
             self._contacts[self._places[arrival.port]].tell(arrival)
 
@@ -106,8 +106,8 @@ class External:
         """Take in what they sent. Before time 0, it keeps to the machine's clock while a vehicle is still missing."""
         outbox = Outbox()
         if tick < 0 and any(one.status is InstanceStatus.BOOTING for one in self._contacts):
-            assert self._began is not None
-            first, began_s = self._began
+            assert self._started is not None
+            first, began_s = self._started
             rest(began_s + (tick - first) / NS_PER_S - wall_s())
         now_s = wall_s()
         for row, one in enumerate(self._contacts):
@@ -121,17 +121,17 @@ class External:
                 self._truth.tell(row, one.reports.place, one.late_ns)
                 one.late_ns = None
         if tick >= 0:
-            self._tell(outbox)
+            self._write_notes(outbox)
         return Finished(self._motors, outbox, [one.status for one in self._contacts], self._truth.take())
 
-    def _tell(self, outbox: Outbox) -> None:
+    def _write_notes(self, outbox: Outbox) -> None:
         """Write the waiting notes; before time 0 they wait."""
         for one in self._contacts:
-            if not self._said_open:
+            if not self._noted_interlock:
                 outbox.note("event.interlock", one.spec.vehicle, self._interlock)
             for kind, data, causes in one.said():
                 outbox.note(kind, one.spec.vehicle, data, causes)
-        self._said_open = True
+        self._noted_interlock = True
 
     def close(self) -> None:
         """Close the connections. A second call does nothing."""

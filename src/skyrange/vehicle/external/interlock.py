@@ -55,14 +55,14 @@ COMMANDS: Final[Mapping[int, Callable[[Message], bool]]] = {
 
 MESSAGES: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION_REQUEST: _always,
-    mav.MAVLINK_MSG_ID_COMMAND_LONG: lambda said: COMMANDS.get(said.command, lambda _: False)(said),
+    mav.MAVLINK_MSG_ID_COMMAND_LONG: lambda decoded: COMMANDS.get(decoded.command, lambda _: False)(decoded),
     mav.MAVLINK_MSG_ID_MISSION_ACK: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _always,
     mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: _always,
     mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: _always,
-    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda said: said.req_message_rate <= MOST_HZ,
+    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda decoded: decoded.req_message_rate <= MOST_HZ,
 }
 """Messages permitted to the vehicle while closed."""
 UNADDRESSED: Final = frozenset((mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC))
@@ -87,27 +87,27 @@ class Interlock:
         self.passed = 0
         self.refused: dict[Refusal, int] = {}
         """Number of refused frames, by reason."""
-        self._written = b""
+        self._sent = b""
         """The last bytes that were sent."""
 
     def judge(self, payload: bytes) -> Refusal | None:
         """Why `payload` must not be sent; `None` if it may. A permitted payload counts as sent in later checks."""
-        refusal = self._by_itself(payload) or self._hidden(payload)
+        refusal = self._check_alone(payload) or self._check_embedded(payload)
         if refusal is None:
             self.passed += 1
-            self._written = (self._written + payload)[-LONGEST:]
+            self._sent = (self._sent + payload)[-LONGEST:]
         else:
             self.refused[refusal] = self.refused.get(refusal, 0) + 1
         return refusal
 
-    def _by_itself(self, payload: bytes) -> Refusal | None:
+    def _check_alone(self, payload: bytes) -> Refusal | None:
         try:
-            said = decode(payload)
+            decoded = decode(payload)
         except DecodeError:
             return Refusal("", "", "not a whole frame of the dialect")
-        number = int(type(said).id)
-        refusal = Refusal(str(said.get_type()), _command(said), "")
-        targets = _targets(said)
+        number = int(type(decoded).id)
+        refusal = Refusal(str(decoded.get_type()), _command(decoded), "")
+        targets = _targets(decoded)
         if any(target not in (0, self.system_id) for target in targets):
             return refusal._replace(why=_OTHERS)
         if self.open:
@@ -122,36 +122,36 @@ class Interlock:
         if number in UNADDRESSED:
             return None
         if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
-            ours = said.get_srcSystem() == self.system_id and said.get_srcComponent() not in _AUTOPILOT
-            harmless = ours and said.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
+            ours = decoded.get_srcSystem() == self.system_id and decoded.get_srcComponent() not in _AUTOPILOT
+            harmless = ours and decoded.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
             return None if harmless else refusal._replace(why="heartbeats of a ground station arm its failsafe")
         allowed = MESSAGES.get(number)
-        if allowed is None or not allowed(said):
+        if allowed is None or not allowed(decoded):
             return refusal._replace(why=_NOT_ASKING)
-        if targets != [self.system_id] or said.target_component not in _AUTOPILOT:
+        if targets != [self.system_id] or decoded.target_component not in _AUTOPILOT:
             return refusal._replace(why="for another component" if self.system_id in targets else "for all systems")
         return None
 
-    def _hidden(self, payload: bytes) -> Refusal | None:
+    def _check_embedded(self, payload: bytes) -> Refusal | None:
         """Whether a receiver that starts at any other byte would find a frame that is not permitted."""
-        stream, begins = self._written + payload, len(self._written)
+        stream, begins = self._sent + payload, len(self._sent)
         for at, byte in enumerate(stream):
             if byte not in (MAGIC_V1, MAGIC_V2) or at == begins:
                 continue
             found = Deframer().feed(stream[at:])
-            if found and not found[0].garbage and self._by_itself(found[0].data):
+            if found and not found[0].garbage and self._check_alone(found[0].data):
                 return Refusal(message_name(payload) or "", "", "another frame is hidden in it")
         return None
 
 
-def _targets(said: Message) -> list[int]:
+def _targets(decoded: Message) -> list[int]:
     """The target system of a message, if it has one; 0 is all systems."""
-    fields: Any = LAYOUTS[type(said).id].fields
-    return [getattr(said, name) for name, *_ in fields if name in ("target_system", "target")]
+    fields: Any = LAYOUTS[type(decoded).id].fields
+    return [getattr(decoded, name) for name, *_ in fields if name in ("target_system", "target")]
 
 
-def _command(said: Message) -> str:
-    number = getattr(said, "command", None)
+def _command(decoded: Message) -> str:
+    number = getattr(decoded, "command", None)
     if not isinstance(number, int):
         return ""
     entry = mav.enums["MAV_CMD"].get(number)
