@@ -43,8 +43,8 @@ class SignedMail:
         self._signers = [Signer(one.key, link) for one in connections]
         self._note = note
         self._send_ports = {one.speaks: number for number, one in enumerate(connections)}
-        hears = {one.hears: number for number, one in enumerate(connections)}
-        self._receive_index = np.array([hears.get(port, -1) for port in ports], dtype=np.int64)
+        receiving = {one.hears: number for number, one in enumerate(connections)}
+        self._receive_index = np.array([receiving.get(port, -1) for port in ports], dtype=np.int64)
         self._send_index = np.array([self._send_ports.get(port, -1) for port in ports], dtype=np.int64)
         self._counts = np.zeros((len(self._signers), len(_REASONS)), dtype=np.int64)
         self._started = False

@@ -48,7 +48,7 @@ _UNIT = 0.01  # how far from 1 a quaternion's length may be
 
 _POSITION, _VELOCITY, _ATTITUDE, _RATES, _CHANGE, _NUMBERS = 0, 3, 6, 10, 13, 16
 """Columns of the table of poses; CHANGE is the change of velocity since the previous pose, per second."""
-_FINE, _NOT_LED, _BAD_POSITION, _BAD_VELOCITY, _BAD_ATTITUDE, _BAD_RATES = range(6)
+_FINE, _NOT_IMPOSED, _BAD_POSITION, _BAD_VELOCITY, _BAD_ATTITUDE, _BAD_RATES = range(6)
 _WRONG = {
     _BAD_POSITION: ("position_enu_m", f"finite metres, at most {MOST_M:g}"),
     _BAD_VELOCITY: ("vel_enu_mps", f"finite m/s, at most {MOST_MPS:g}"),
@@ -91,7 +91,7 @@ class Imposed:
         if shapes != wanted:
             raise ValueError(f"imposed poses of the shapes {shapes}, expected {wanted}")
         row, wrong = _find_invalid(rows, self.led, fresh, position, velocity, attitude, rates)
-        if wrong == _NOT_LED:
+        if wrong == _NOT_IMPOSED:
             raise ValueError(f"imposed a pose on {vehicles[rows[row]]}, which the world moves")
         if wrong != _FINE:
             what, expected = _WRONG[wrong]
@@ -132,7 +132,7 @@ def _find_invalid(
         if not fresh[k]:
             continue
         if not led[rows[k]]:
-            return k, _NOT_LED
+            return k, _NOT_IMPOSED
         if _beyond(position[k], MOST_M):
             return k, _BAD_POSITION
         if _beyond(velocity[k], MOST_MPS):

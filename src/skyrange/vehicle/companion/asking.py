@@ -58,12 +58,12 @@ class Asking:
         self._since_ns[new] = now
         found = []
         for column, want in enumerate(WANTS):
-            told, asked = table[want.told], self._asked_ns[:, column]
+            received, asked = table[want.told], self._asked_ns[:, column]
             never = asked < 0
-            since = np.maximum(told, self._since_ns)
+            since = np.maximum(received, self._since_ns)
             silent = beating & (now - since >= want.missing_ns)
             if want.told != "place_ns":
-                silent |= beating & never & (told < 0)  # at once
+                silent |= beating & never & (received < 0)  # at once
             silent &= never | (now - asked >= AGAIN_NS)
             if want is GOAL:  # no goal is sent on the ground and in other modes
                 silent &= self._avoids & (never | ((table["mode"] == auto) & (table["state"] == MAV_STATE_ACTIVE)))

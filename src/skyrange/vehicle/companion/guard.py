@@ -115,14 +115,14 @@ class Guard:
             self.hold, self.asked_ns, self.tries, self.told = Hold.TAKING, now, 1, None
             self.goal_enu_m = goal_enu_m
             order.mode, order.note = GUIDED, "decision.avoid"
-        told = (action, decision.waypoint_enu_m)
-        same = self.told is not None and self.told[0] is action and _same_waypoint(self.told[1], told[1])
+        wanted = (action, decision.waypoint_enu_m)
+        same = self.told is not None and self.told[0] is action and _same_waypoint(self.told[1], wanted[1])
         if same and now - self.told_ns < TELL_NS:
             return None
         if not same:
             order.note = "decision.avoid"
         order.place, order.stop = decision.waypoint_enu_m, action is Action.STOP
-        self.told, self.told_ns = told, now
+        self.told, self.told_ns = wanted, now
         return order
 
     def _yield(self, now: Time, note: str) -> Order:
