@@ -18,28 +18,28 @@ class Options(Params):
 
     physics: Literal["shared", "native"] = Field(
         default="shared",
-        description="Whose forces move them: the range's, in lockstep, or those of ArduPilot's own simulation, on the "
-        "machine's clock.",
+        description="Physics that moves the aircraft: shared, the range's, in lockstep; or native, ArduPilot's own "
+        "simulation, on the machine's clock.",
     )
     speedup: Number = Field(
         default=1.0,
         gt=0,
         le=100,
-        description="Simulated seconds per second of the machine's clock, with native physics; more than the machine "
-        "can is as fast as it can.",
+        description="Simulated seconds per second of the machine's clock, with native physics; a machine that is too slow "
+        "runs as fast as it can.",
     )
     rates: Literal["full", "single", "reduced"] = Field(
         default="full",
-        description="How often their main loops run, and how often in a turn they read their gyros: full, 400 Hz and "
-        "twice; single, 400 Hz and once, and nothing checks the gyros before arming; reduced, 100 Hz and twice.",
+        description="Rate of the main loop, and how often it reads the gyros per iteration: full, 400 Hz and twice; "
+        "single, 400 Hz and once, without checks of the gyros before arming; reduced, 100 Hz and twice.",
     )
     keep_logs: bool = Field(default=False, description="Write DataFlash logs, and keep them in the run's folder.")
     open_port: int = Field(
         default=0,
         ge=0,
         le=65_535,
-        description="A TCP port, on all interfaces, where the first ArduPilot obeys a ground station; each next one's "
-        "is 10 higher. 0: none.",
+        description="TCP port, on all interfaces, on which the first ArduPilot obeys a ground station; that of each "
+        "further one is 10 higher. 0: none.",
     )
 
     def opened(self, count: int) -> list[int]:

@@ -16,21 +16,24 @@ class Options(Params):
 
     connect: dict[str, str] = Field(
         default_factory=dict,
-        description=f"Where each vehicle's MAVLink is, by operator/vehicle: {', '.join(FORMS.values())}.",
+        description=f"MAVLink address of each vehicle, by operator/vehicle: {', '.join(FORMS.values())}.",
     )
     allow_motion: bool = Field(
         default=False,
         strict=True,
-        description="Let arming and motion commands through to them, where the command line says --allow-motion too.",
+        description="Pass arming and motion commands to them, if the command line says --allow-motion too.",
     )
     rate_hz: Number = Field(
-        default=10.0, ge=5, le=50, description="How often each is asked for its position and its attitude, in Hz."
+        default=10.0,
+        ge=5,
+        le=50,
+        description="Rate in Hz at which position and attitude are requested of each vehicle.",
     )
     boot_s: Number = Field(
         default=20.0,
         gt=0,
         le=120,
-        description="Wall seconds before time 0 in which each has to be reached and to tell its position.",
+        description="Wall seconds before time 0 within which each vehicle has to connect and report its position.",
     )
 
     @model_validator(mode="after")
