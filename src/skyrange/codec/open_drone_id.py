@@ -81,7 +81,7 @@ def to_mavlink(message: RidMessage, *, target: tuple[int, int] = BROADCAST, id_o
     if isinstance(message, MessagePack):
         bodies = b"".join(encode(part) for part in message.messages).ljust(PACK_BYTES, b"\0")
         return dialect.MAVLink_open_drone_id_message_pack_message(*who, SIZE, len(message.messages), list(bodies))
-    raise ValueError(f"{message}: there is no equivalent MAVLink message")
+    raise ValueError(f"{message}: no MAVLink message is equivalent")
 
 
 def from_mavlink(message: Message) -> RidMessage:

@@ -25,8 +25,8 @@ class Options(Params):
         default=1.0,
         gt=0,
         le=100,
-        description="Simulated seconds per second of the machine's clock, with native physics; a machine that is too slow "
-        "runs as fast as it can.",
+        description="Simulated seconds per second of the machine's clock, with native physics; a slow machine runs as "
+        "fast as it can.",
     )
     rates: Literal["full", "single", "reduced"] = Field(
         default="full",
