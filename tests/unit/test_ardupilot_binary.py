@@ -65,7 +65,7 @@ def test_an_arducopter_is_taken_with_version_and_hash(tmp_path: Path, version: s
         (b'{"board_id": 9}', "JSON, as an .apj"),
         (b"MZ" + bytes(60), "a Windows program"),
         (b"\xcf\xfa\xed\xfe" + bytes(60), "a macOS program"),
-        (b"ArduCopter V4.6.3\0--speedup", "a file that is no program"),
+        (b"ArduCopter V4.6.3\0--speedup", "a file that is not a program"),
         (b"\x7fELF", "broken header"),
         (b"\x7fELF\x02\x01\x01" + bytes(20), "cut off after 27 bytes"),
         (b"\x7fELF\x07\x01\x01" + bytes(60), "broken header"),

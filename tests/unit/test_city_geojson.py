@@ -151,7 +151,7 @@ def test_all_bad_features_are_told_at_once_up_to_a_number(load):
         (b"", "line 1, column 1"),
         (b'{"type": "FeatureCollection", "features": [', "line 1"),
         (b"\xff\xfe\xfa", "UTF-8"),
-        (b"[" * 100_000, "nested without end"),
+        (b"[" * 100_000, "nested too deeply"),
         (b"[1, 2]", "FeatureCollection"),
         (b'{"type": "Topology"}', "'Topology'"),
         (b'{"type": "FeatureCollection", "features": {}}', "a list of features"),

@@ -253,7 +253,7 @@ def test_a_fault_in_a_plan_is_named(path: str, value: object, where: str) -> Non
         ("[]", "a JSON list"),
         ('{"a": ' * 100_000, "nested"),
         ('{"a": ' * 40 + "1" + "}" * 40, "at most 32 levels"),
-        (SURVEY.replace('"radius": 400', '"radius": NaN'), "NaN is no JSON number"),
+        (SURVEY.replace('"radius": 400', '"radius": NaN'), "NaN is not a JSON number"),
         (SURVEY.replace('"radius": 400', '"radius": 1e999'), r"geoFence.circles\[0\].circle.radius: inf"),
         (SURVEY.replace('"radius": 400', '"radius": ' + "9" * 5000), "4300 digits"),
         (SURVEY[:-20], r"line \d+ column \d+"),

@@ -237,9 +237,9 @@ def test_slower_reports_are_asked_for_anew() -> None:
         foreign.place = lambda _: (0.0, 0.0, 0.0)
         ride.until(status(InstanceStatus.READY))
         contact: Any = ride.engine._contacts[0]
-        contact._came = dict.fromkeys(contact._came, 0)
-        contact._looked_s -= 2.0
-        contact._ask_s = dict.fromkeys(contact._ask_s, 0.0)
+        contact._received = dict.fromkeys(contact._received, 0)
+        contact._checked_s -= 2.0
+        contact._next_request_s = dict.fromkeys(contact._next_request_s, 0.0)
         before = len(foreign.heard)
         ride.until(lambda _: len(foreign.heard) >= before + 3)
         ride.engine.close()

@@ -104,7 +104,7 @@ def test_a_long_step_is_exact_too():
     one = rng.standard_normal((n, 4))
     first, second = one[:, 0], 0.5 * one[:, 0] + 0.5 * one[:, 1]
     stepped = np.array(
-        [turbulence._coloured(p, q, a, d, x, y) for p, q, (_, _, x, y) in zip(first, second, one, strict=True)]
+        [turbulence._step_chain(p, q, a, d, x, y) for p, q, (_, _, x, y) in zip(first, second, one, strict=True)]
     )
     assert np.cov(stepped.T) == pytest.approx(np.array([[1.0, 0.5], [0.5, 0.5]]), abs=0.03)
     # cov(p+, p) = a, cov(q+, p) = a·(1/2 + d)

@@ -1,1 +1,1 @@
-"""What stands in the way: building footprints with heights, and questions about them."""
+"""City model: building footprints with heights, and spatial queries on them."""

@@ -1,4 +1,4 @@
-"""Where are the walls? A set of buildings and a spatial index that answers about points and paths."""
+"""City: a set of buildings with a spatial index for queries about points and paths."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ class City:
     __slots__ = ("_heights_m", "_tree", "_walls", "bounds", "buildings", "counts", "source")
 
     def __init__(self, buildings: Sequence[Building], source: str, counts: Mapping[str, int] | None = None) -> None:
-        """`source` says where they come from; `counts` what its reader met. Raises ValueError without buildings."""
+        """`source` names their origin; `counts` are the statistics of their reader. Raises `ValueError` without
+        buildings.
+        """
         if not buildings:
             raise ValueError("a city needs at least one building")
         self.buildings: tuple[Building, ...] = tuple(buildings)
@@ -38,13 +40,13 @@ class City:
         """West, south, east and north edge in metres."""
 
     def __deepcopy__(self, memo: dict[int, Any]) -> City:
-        """Itself: nothing in a city ever changes."""
+        """Itself, because a city never changes."""
         return self
 
     def walls(self) -> Walls:
-        """The buildings as arrays for kernels, in the city's order; made when first asked for."""
+        """The buildings as arrays for kernels, in the city's order; computed on the first call."""
         if self._walls is None:
-            from skyrange.city.walls import flatten  # a compiler, which those who only ask for places need not load
+            from skyrange.city.walls import flatten  # loads a compiler, which queries about points do not need
 
             self._walls = flatten(self.buildings)
         return self._walls
@@ -53,7 +55,7 @@ class City:
         return len(self.buildings)
 
     def inside(self, east_m: float, north_m: float, up_m: float = 0.0) -> Building | None:
-        """The building that holds a point (on its wall counts), or None; of several the tallest, then the first."""
+        """The building that contains a point (walls included), or None; of several the tallest, then the first."""
         found = [
             self.buildings[i]
             for i in self._at(east_m, north_m)
@@ -62,7 +64,7 @@ class City:
         return max(found, key=lambda building: building.height_m) if found else None
 
     def height_at(self, east_m: float, north_m: float) -> float:
-        """Height of the highest roof over a point, 0 where there is none."""
+        """Height of the highest roof over a point, 0 if there is none."""
         found = self._at(east_m, north_m)
         return float(self._heights_m[found].max()) if len(found) else 0.0
 
@@ -79,10 +81,10 @@ class City:
     def first_obstruction(self, path: Sequence[Point3], margin_m: float = 0.0) -> Building | None:
         """The first building that a path comes too near to, or None.
 
-        A leg is obstructed by a building within `margin_m` of it seen from above, unless the leg
-        stays `margin_m` above its roof or below its base. The test takes the leg's lowest and
-        highest point, so a climbing leg may be called obstructed by a building it would clear. The
-        first is the nearest to the start of the first obstructed leg. A path of one point is a place.
+        A leg is obstructed by a building whose footprint is within `margin_m` of it, unless the leg stays `margin_m`
+        above its roof or below its base. The test takes the leg's lowest and highest point, so a climbing leg may be
+        reported as obstructed by a building that it would clear. The first building is the one nearest to the start of
+        the first obstructed leg. A path of one point is a position.
         """
         legs = list(pairwise(path)) if len(path) > 1 else [(point, point) for point in path]
         for start, end in legs:
@@ -104,7 +106,8 @@ class City:
         return self.first_obstruction(path, margin_m) is None
 
     def to_json_rows(self) -> list[dict[str, Any]]:
-        """One row per polygon, as `city.json` of a run folder has them: `height_m`, `rings`, and `base_m` where raised.
+        """One row per polygon, as in `city.json` of a run folder: `height_m`, `rings`, and `base_m` if the base is
+        raised.
 
         `rings` is [outer, holes…], each a closed list of [east_m, north_m] rounded to the millimetre.
         """

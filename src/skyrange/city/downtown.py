@@ -1,7 +1,7 @@
-"""What does a city look like when nobody gave one? A grid of blocks with streets between and towers on them.
+"""Generated downtown: a grid of blocks with streets between them and buildings on them.
 
-Each building's footprint and height are addressed by its place in the grid, so a bigger grid of the same seed has
-the smaller one's buildings at the same grid places.
+Each building's footprint and height are addressed by its position in the grid, so a larger grid of the same seed
+contains the smaller one's buildings at the same positions.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError
 
 _STREAM = "city.downtown"
-_LEAST_FILL = 0.6  # of its half-block, so that a street is never all there is
+_MIN_FILL = 0.6  # least share of its half-block that a building fills
 
 
 def downtown_grid(
@@ -26,16 +26,16 @@ def downtown_grid(
     street_m: float = 24.0,
     block_m: float = 72.0,
 ) -> City:
-    """A downtown of `blocks` (east, north) square blocks centred on the origin, two by two buildings on each.
+    """A downtown of `blocks` (east, north) square blocks centred on the origin, with two by two buildings on each.
 
-    Heights lie in `height_m` with many low and few high (uniform squared). Streets of `street_m` run
-    between the blocks and cross at the origin where both counts are even. Raises InputError.
+    Heights lie in `height_m`, with many low and few high buildings (a uniform number squared). Streets of `street_m`
+    run between the blocks and cross at the origin if both counts are even. Raises `InputError` for invalid arguments.
     """
     faults = []
     if min(blocks) < 1:
         faults.append(Fault("blocks", repr(blocks), "at least one block each way"))
     if not 0.0 < height_m[0] <= height_m[1] < math.inf:
-        faults.append(Fault("height_m", repr(height_m), "a positive least and a greatest height in metres"))
+        faults.append(Fault("height_m", repr(height_m), "a positive lowest and a highest height in metres"))
     for name, value in (("street_m", street_m), ("block_m", block_m)):
         if not 0.0 < value < math.inf:
             faults.append(Fault(name, repr(value), "a positive number of metres"))
@@ -53,9 +53,9 @@ def downtown_grid(
             for quarter in range(4):
                 who = (column << 34) | (row << 2) | quarter
                 tall, wide, deep, _ = chance.uniform4(_STREAM, who, 0)
-                width_m = half_m * (_LEAST_FILL + (1.0 - _LEAST_FILL) * wide)
-                depth_m = half_m * (_LEAST_FILL + (1.0 - _LEAST_FILL) * deep)
-                # Built out to the street: what a building leaves free is the block's courtyard.
+                width_m = half_m * (_MIN_FILL + (1.0 - _MIN_FILL) * wide)
+                depth_m = half_m * (_MIN_FILL + (1.0 - _MIN_FILL) * deep)
+                # Buildings extend to the street; the space they leave free is the block's courtyard.
                 left_m = west_m if quarter % 2 == 0 else west_m + block_m - width_m
                 below_m = south_m if quarter < 2 else south_m + block_m - depth_m
                 shape = shapely.box(left_m, below_m, left_m + width_m, below_m + depth_m)

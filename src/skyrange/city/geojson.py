@@ -1,8 +1,8 @@
-"""Which buildings does a GeoJSON file hold? Read, checked, projected and repaired, all at once.
+"""GeoJSON building files: reading, validation, projection and repair.
 
-RFC 7946 FeatureCollection with OpenStreetMap tags as properties, as overpass-turbo and osmtogeojson write
-it. A building is a Polygon or MultiPolygon with a `building` or `building:part` tag other than "no"; all else is
-ignored and counted. An outline and its parts are all kept, which errs on the side of more wall.
+RFC 7946 FeatureCollection with OpenStreetMap tags as properties, as overpass-turbo and osmtogeojson write it. A
+building is a Polygon or MultiPolygon with a `building` or `building:part` tag other than "no"; all other features are
+ignored and counted. If a building has an outline and parts, all of them are kept, which errs towards more wall.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from skyrange.core.errors import Fault, InputError
 from skyrange.core.geodesy import Origin
 
 MOST_FAULTS = 20
-"""Faults that one error lists; the rest are counted."""
+"""Problems that one error lists; further ones are only counted."""
 WIDEST_DEG = 2.0
-"""A flat map is wrong beyond this; two longitudes with their signs mixed up also end here."""
+"""The flat map is inaccurate beyond this; two longitudes with opposite signs also exceed it."""
 
 
 class _ShapeError(Exception):
-    """Why a feature's coordinates are no polygon: (value, expected)."""
+    """A feature's coordinates are not a polygon: (value, expected)."""
 
 
 def load_geojson(path: Path | str, origin: Origin | None = None) -> tuple[City, Origin]:
-    """The city in a file, in metres from `origin`; without one, from the middle of the buildings' bounding box.
+    """Read the city in a file, in metres from `origin`; by default from the centre of the buildings' bounding box.
 
-    `City.counts`: `buildings`, `ignored` features, `repaired` shapes (self-crossing rings made valid), `empty`
-    shapes left out for having no area, and heights by where they come from: `by_height`, `by_levels`, `by_default`.
-    Raises InputError naming each bad feature by its index, all at once.
+    `City.counts`: `buildings`, `ignored` features, `repaired` shapes (self-crossing rings made valid), `empty` shapes
+    without area that were left out, and heights by their source: `by_height`, `by_levels`, `by_default`. Raises
+    `InputError` naming each bad feature by its index, all at once.
     """
     name = str(path)
     features = _features(name, Path(path))
@@ -91,7 +91,7 @@ def _city(
     building_of_polygon: list[int],
     features: int,
 ) -> City:
-    """Join polygons to buildings, repair, and read the tags."""
+    """Join polygons to buildings, repair them, and read their tags."""
     counts = dict.fromkeys(("buildings", "ignored", "repaired", "empty", "by_height", "by_levels", "by_default"), 0)
     counts["ignored"] = features - len(chosen)
     first = np.searchsorted(building_of_polygon, np.arange(len(chosen) + 1)).tolist()
@@ -116,21 +116,19 @@ def _city(
         used.add(identity)
         buildings.append(Building(identity, height_m, shape, str(tags.get("name") or ""), base_m))
     if not buildings:
-        raise InputError.one(
-            name, "features", f"{len(chosen)} buildings without area", "polygons that enclose something"
-        )
+        raise InputError.one(name, "features", f"{len(chosen)} buildings without area", "polygons that enclose an area")
     counts["buildings"] = len(buildings)
     return City(buildings, name, counts)
 
 
 def _areas(shape: Any) -> Any:
-    """The areas of what make_valid returns, which may hold stray lines and points."""
+    """The areas of what make_valid returns, which may also contain lines and points."""
     parts = [part for part in shapely.get_parts(shape) if part.geom_type in ("Polygon", "MultiPolygon")]
     return shapely.union_all(parts)
 
 
 def _features(name: str, path: Path) -> list[Any]:
-    """The file's feature list; InputError where it is no FeatureCollection."""
+    """The file's feature list; raises `InputError` if it is not a FeatureCollection."""
     try:
         document = json.loads(path.read_bytes())
     except OSError as error:
@@ -139,7 +137,7 @@ def _features(name: str, path: Path) -> list[Any]:
         where = f"line {error.lineno}, column {error.colno}"
         raise InputError.one(name, where, error.msg, "JSON", "The file may be cut off or not be GeoJSON.") from error
     except (UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise InputError.one(name, "file", str(error), "JSON in UTF-8, not nested without end") from error
+        raise InputError.one(name, "file", str(error), "JSON in UTF-8, not nested too deeply") from error
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":
         kind = document.get("type") if isinstance(document, dict) else type(document).__name__
         raise InputError.one(name, "type", repr(kind), 'a GeoJSON "FeatureCollection"')
@@ -150,7 +148,7 @@ def _features(name: str, path: Path) -> list[Any]:
 
 
 def _polygons(feature: Any) -> list[Any] | None:
-    """The polygons of a building feature, or None where it is something else."""
+    """The polygons of a building feature, or None for any other feature."""
     if not isinstance(feature, dict):
         raise _ShapeError(type(feature).__name__, "a GeoJSON feature object")
     tags, geometry = feature.get("properties"), feature.get("geometry")

@@ -1,8 +1,8 @@
-r"""How high is a building, by its OpenStreetMap tags?
+r"""Building heights from OpenStreetMap tags.
 
-`height` and `min_height` are metres unless a unit is given (OSM wiki, Key:height: "17.5", "17.5 m", "55 ft",
-"55'", "55'6\""). `building:levels` counts storeys of 3 m, as the examples of the wiki's page on multi-level
-shapes do (2 levels 6 m, 5 levels 15 m). With neither, a building has `DEFAULT_HEIGHT_M`.
+`height` and `min_height` are metres unless a unit is given (OSM wiki, Key:height: "17.5", "17.5 m", "55 ft", "55'",
+"55'6\""). `building:levels` counts storeys of 3 m, as the examples of the wiki's page on multi-level shapes do (2
+levels 6 m, 5 levels 15 m). With neither, a building has `DEFAULT_HEIGHT_M`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 STOREY_M = 3.0
 DEFAULT_HEIGHT_M = 9.0
-"""Three storeys: our own assumption for a building that nobody measured."""
+"""Three storeys: our own assumption for a building without tags for its height."""
 FOOT_M = 0.3048
 """International foot (exact, 1959)."""
 
@@ -27,7 +27,7 @@ HeightSource = Literal["height", "levels", "default"]
 
 
 def parse_length(value: object) -> float | None:
-    """Metres of a tag's value (text or a JSON number), or None where it is no positive length."""
+    """Metres of a tag's value (text or a JSON number), or None if it is not a positive length."""
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float):
@@ -44,9 +44,9 @@ def parse_length(value: object) -> float | None:
 
 
 def height_of(tags: Mapping[str, Any]) -> tuple[float, float, HeightSource]:
-    """(height_m, base_m, where the height comes from) of a building's or building part's tags.
+    """(height_m, base_m, source of the height) of a building's or building part's tags.
 
-    What cannot be read is passed over for the next best. A base at or above the top is no base.
+    A tag that cannot be read is skipped in favour of the next best one. A base at or above the top is ignored.
     """
     source: HeightSource = "height"
     height_m = parse_length(tags.get("height"))
@@ -61,6 +61,6 @@ def height_of(tags: Mapping[str, Any]) -> tuple[float, float, HeightSource]:
 
 
 def _storeys(value: object) -> float | None:
-    """Metres of so many storeys; the count may have a fraction but no unit."""
+    """Metres of a number of storeys; the number may have a fraction but no unit."""
     count = parse_length(value) if isinstance(value, int | float) or re.fullmatch(r"[\d.\s]+", str(value)) else None
     return None if count is None else count * STOREY_M

@@ -1,7 +1,8 @@
-"""How near is the next wall, and what roof is below? A city flattened to edges with a grid of cells, for kernels.
+"""Wall index: a city flattened to edges with a grid of cells, for kernels that look for nearby walls and roofs.
 
-Every cell of the grid lists the buildings within `MARGIN_M` of it, so one look-up tells what is near a place. A
-footprint is its edges, holes and all: a point is inside when a ray from it crosses an odd number of them.
+Every cell of the grid lists the buildings within `MARGIN_M` of it, so one look-up gives everything near a position. A
+footprint consists of its edges, those of holes included: a point is inside if a ray from it crosses an odd number of
+them.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from skyrange.city.buildings import Building
 from skyrange.core.compiled import kernel
 
 MARGIN_M = 20.0
-"""How far around a cell its list looks."""
+"""The distance up to which a cell lists buildings."""
 CELL_M = 20.0
-"""A side of a cell, wider for a city of more than `_MOST_CELLS`."""
-_MOST_CELLS = 250_000
+"""Side of a cell; larger for a city of more than `_MAX_CELLS`."""
+_MAX_CELLS = 250_000
 
 
 class Walls(NamedTuple):
@@ -31,15 +32,15 @@ class Walls(NamedTuple):
     edges: NDArray[np.float64]
     """(e, 4): from east, north to east, north."""
     first: NDArray[np.int64]
-    """(b + 1,): where a building's edges begin."""
+    """(b + 1,): start of each building's edges."""
     box: NDArray[np.float64]
     """(b, 6): west, south, east, north, base and top."""
     cells: NDArray[np.int64]
-    """(c + 1,): where a cell's buildings begin in `near`; cells go east, then north."""
+    """(c + 1,): start of each cell's buildings in `near`; cells are ordered east, then north."""
     near: NDArray[np.int32]
     """Buildings by cell."""
     frame: NDArray[np.float64]
-    """(3,): west and south of the grid, side of a cell."""
+    """(3,): west and south edge of the grid, side of a cell."""
     columns: int
     rows: int
 
@@ -54,11 +55,11 @@ NO_WALLS = Walls(
     0,
     0,
 )
-"""Open country."""
+"""The index without any building."""
 
 
 def flatten(buildings: Sequence[Building]) -> Walls:
-    """The arrays of some buildings, in their order. Raises ValueError without any."""
+    """The index of some buildings, in their order. Raises `ValueError` without any."""
     if not buildings:
         raise ValueError("walls need at least one building")
     rings, ring_of = [], []
@@ -76,18 +77,18 @@ def flatten(buildings: Sequence[Building]) -> Walls:
     box = np.hstack((shapely.bounds([building.shape for building in buildings]), heights))
     west, south = (box[:, :2].min(axis=0) - MARGIN_M).tolist()
     east, north = (box[:, 2:4].max(axis=0) + MARGIN_M).tolist()
-    side = max(CELL_M, math.sqrt((east - west) * (north - south) / _MOST_CELLS))
+    side = max(CELL_M, math.sqrt((east - west) * (north - south) / _MAX_CELLS))
     columns, rows = math.ceil((east - west) / side), math.ceil((north - south) / side)
     frame = np.array([west, south, side])
-    cells, near = _sort(box, frame, columns, rows)
+    cells, near = _fill_cells(box, frame, columns, rows)
     return Walls(np.ascontiguousarray(edges), first, np.ascontiguousarray(box), cells, near, frame, columns, rows)
 
 
 @kernel
-def _sort(
+def _fill_cells(
     box: NDArray[np.float64], frame: NDArray[np.float64], columns: int, rows: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """The lists of all cells: counted, then filled."""
+    """The lists of all cells: counted first, then filled."""
     cells = np.zeros(columns * rows + 1, dtype=np.int64)
     near = np.empty(0, dtype=np.int32)
     for turn in range(2):
@@ -106,7 +107,7 @@ def _sort(
             for cell in range(columns * rows):
                 cells[cell + 1] += cells[cell]
             near = np.empty(cells[columns * rows], dtype=np.int32)
-        else:  # filling moved each start to its end, which is the next one's start
+        else:  # filling moved each start to its end, which is the start of the next cell
             for cell in range(columns * rows, 0, -1):
                 cells[cell] = cells[cell - 1]
             cells[0] = 0
@@ -115,7 +116,7 @@ def _sort(
 
 @kernel
 def cell_at(walls: Walls, east_m: float, north_m: float) -> int:
-    """The cell of a place; -1 beyond the grid, where nothing is within `MARGIN_M`."""
+    """The cell of a position; -1 outside the grid, where nothing is within `MARGIN_M`."""
     column = math.floor((east_m - walls.frame[0]) / walls.frame[2])
     row = math.floor((north_m - walls.frame[1]) / walls.frame[2])
     if column < 0 or row < 0 or column >= walls.columns or row >= walls.rows:
@@ -125,7 +126,7 @@ def cell_at(walls: Walls, east_m: float, north_m: float) -> int:
 
 @kernel
 def outside(walls: Walls, b: int, east_m: float, north_m: float) -> float:
-    """How far a place is from a footprint's bounding box, 0 within."""
+    """Distance of a position from a footprint's bounding box, 0 within."""
     x = max(max(walls.box[b, 0] - east_m, east_m - walls.box[b, 2]), 0.0)
     y = max(max(walls.box[b, 1] - north_m, north_m - walls.box[b, 3]), 0.0)
     return math.sqrt(x * x + y * y)
@@ -133,7 +134,7 @@ def outside(walls: Walls, b: int, east_m: float, north_m: float) -> float:
 
 @kernel
 def footprint(walls: Walls, b: int, east_m: float, north_m: float) -> tuple[bool, float, float, float]:
-    """Whether a place is inside a footprint, how far it is from its nearest edge, and that edge's nearest point."""
+    """Whether a position is inside a footprint, its distance to the nearest edge, and that edge's nearest point."""
     inside = False
     best = math.inf
     near_e, near_n = east_m, north_m

@@ -1,1 +1,1 @@
-"""Bytes ↔ values: MAVLink frames and streams, mission files."""
+"""Codecs between bytes and values: MAVLink, missions, ASTM F3411, Remote ID over radio links, and capture files."""

@@ -1,13 +1,13 @@
-"""How does a Remote ID broadcast look as a Bluetooth LE packet? Legacy advertisements, and extended ones on Long Range.
+"""Bluetooth LE packets that carry Remote ID: legacy advertisements, and extended ones on Long Range.
 
 Sources: F3411-22a, Bluetooth Legacy and Bluetooth Long Range broadcast methods (service data of the 16-bit UUID
-0xFFFA, application code 0x0D, message counter, message or pack); Bluetooth Core Specification 5.4, Vol 6 Part B,
-2.1 (packet), 2.3 (advertising PDUs), 2.3.4 (extended payload), 3.1.1 (CRC); Core Specification Supplement, Part A,
-1.11 (service data).
+0xFFFA, application code 0x0D, message counter, message or pack); Bluetooth Core Specification 5.4, Vol 6 Part B, 2.1
+(packet), 2.3 (advertising PDUs), 2.3.4 (extended payload), 3.1.1 (CRC); Core Specification Supplement, Part A, 1.11
+(service data).
 
-A packet is what follows the preamble, as captures have it: access address, for the coded PHY its coding indicator
-(1 byte), PDU, CRC; not whitened. Addresses are written as they are read, most significant byte first, and travel the
-other way round.
+A packet is encoded as captures show it, from the first byte after the preamble: access address, coding indicator (1
+byte, coded PHY only), PDU, CRC; without whitening. Addresses are held most significant byte first, as they are
+printed, and are sent in the opposite byte order.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
 from skyrange.core.errors import DecodeError
 
 ACCESS_ADDRESS: Final = bytes.fromhex("d6be898e")
-"""0x8E89BED6, of all advertising (2.1.2)."""
+"""0x8E89BED6, the access address of all advertising packets (2.1.2)."""
 S8: Final = 0
-"""Coding indicator: eight symbols a bit, 125 kb/s (2.2.3)."""
+"""Coding indicator: eight symbols per bit, 125 kb/s (2.2.3)."""
 CRC: Final = 3
 
 ADV_NONCONN_IND: Final = 0b0010
 ADV_EXT_IND: Final = 0b0111
-"""On a primary channel; on a secondary one the same type is AUX_ADV_IND (2.3, table 2.3)."""
+"""The type of the PDU on a primary channel; on a secondary channel the same type is AUX_ADV_IND (2.3, table 2.3)."""
 _RANDOM: Final = 0x40
-"""TxAdd: the advertiser's address is a random one."""
+"""TxAdd: the advertiser's address is random."""
 _ADDRESS: Final = 0x01
 _DATA_INFO: Final = 0x08
 _POINTER: Final = 0x10
@@ -44,7 +44,9 @@ REMOTE_ID: Final = b"\xfa\xff\x0d"
 
 
 def _crc_table() -> tuple[int, ...]:
-    """By the byte, least significant bit first: x^24 + x^10 + x^9 + x^6 + x^4 + x^3 + x + 1 (3.1.1), reflected."""
+    """CRC table for one byte, least significant bit first: x^24 + x^10 + x^9 + x^6 + x^4 + x^3 + x + 1 (3.1.1),
+    reflected.
+    """
     table = []
     for byte in range(256):
         value = byte
@@ -58,7 +60,7 @@ _TABLE: Final = _crc_table()
 
 
 def checksum(pdu: bytes) -> bytes:
-    """The CRC of an advertising PDU (start value 0x555555), in the order it is captured in."""
+    """The CRC of an advertising PDU (start value 0x555555), in the byte order of captures."""
     crc = 0xAAAAAA  # 0x555555 reflected
     for byte in pdu:
         crc = crc >> 8 ^ _TABLE[(crc ^ byte) & 0xFF]
@@ -66,27 +68,36 @@ def checksum(pdu: bytes) -> bytes:
 
 
 def legacy(frame: RidFrame, *, random: bool = True) -> bytes:
-    """ADV_NONCONN_IND of `frame`'s address, counter and message of 25 bytes (else `ValueError`), for the 1M PHY."""
+    """ADV_NONCONN_IND for the 1M PHY, with the address, counter and message of `frame`.
+
+    Raises `ValueError` unless the body is one message of 25 bytes.
+    """
     if len(frame.body) != SIZE:
         raise ValueError(f"a body of {len(frame.body)} bytes, a legacy advertisement holds one message of {SIZE}")
-    return ACCESS_ADDRESS + _sealed(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
+    return ACCESS_ADDRESS + _pdu_with_crc(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
 
 
 def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
-    """AUX_ADV_IND of `frame`'s address, counter and body, for the coded PHY on a secondary channel.
+    """AUX_ADV_IND for the coded PHY on a secondary channel, with the address, counter and body of `frame`.
 
-    `set_id` 0…15 tells an advertiser's advertising sets apart. `ValueError` for a body that does not fit.
+    `set_id` 0…15 distinguishes the advertising sets of one advertiser. Raises `ValueError` for a body that does not
+    fit.
     """
-    said = _advertising_data(frame)
+    service_data = _advertising_data(frame)
     extended = bytes([_ADDRESS | _DATA_INFO]) + _address(frame) + _data_info(frame, set_id)
-    return ACCESS_ADDRESS + bytes([S8]) + _sealed(ADV_EXT_IND, random, bytes([len(extended)]) + extended + said)
+    return (
+        ACCESS_ADDRESS
+        + bytes([S8])
+        + _pdu_with_crc(ADV_EXT_IND, random, bytes([len(extended)]) + extended + service_data)
+    )
 
 
 def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -> bytes:
-    """ADV_EXT_IND, for the coded PHY on a primary channel: says when and where `auxiliary(frame)` follows.
+    """ADV_EXT_IND for the coded PHY on a primary channel, which announces when and where `auxiliary(frame)` follows.
 
-    `channel` is its index 0…36, `offset_us` the time from this packet's start to its, 300…2,457,299 us, rounded down
-    to the steps of 30 us, or from 245,700 us on of 300 us, in which it is written; else `ValueError`.
+    `channel` is the index 0…36 of the secondary channel. `offset_us` is the time from the start of this packet to the
+    start of the announced one, 300…2,457,299 us; it is rounded down to units of 30 us, and from 245,700 us to units of
+    300 us. Raises `ValueError` for values outside these ranges.
     """
     if not (0 <= channel <= 36 and 300 <= offset_us < 300 << 13):
         raise ValueError(f"channel {channel}, offset {offset_us} us: 0…36, 300…2457299 us")
@@ -94,15 +105,15 @@ def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -
     steps = offset_us // (300 if coarse else 30)
     aux = channel | coarse << 7 | steps << 8 | CODED << 21  # bit 6, clock accuracy: 51…500 ppm
     extended = bytes([_DATA_INFO | _POINTER]) + _data_info(frame, set_id) + aux.to_bytes(3, "little")
-    return ACCESS_ADDRESS + bytes([S8]) + _sealed(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
+    return ACCESS_ADDRESS + bytes([S8]) + _pdu_with_crc(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
 
 
 def parse(packet: bytes, *, coded: bool) -> RidFrame:
-    """Transport, address, counter and body of an advertisement that carries Remote ID.
+    """Decode transport, address, counter and body of an advertisement that carries Remote ID.
 
-    `coded` says whether a coding indicator follows the access address. `DecodeError` where the CRC is wrong or where
-    the packet is anything else than `legacy` and `auxiliary` make. The body is not looked into; channel, signal
-    strength and time are not in it.
+    `coded` says whether a coding indicator follows the access address. Raises `DecodeError` if the CRC is wrong or if
+    the packet is not one that `legacy` or `auxiliary` make. The body is not decoded. A packet holds no channel, signal
+    strength or time.
     """
     start = len(ACCESS_ADDRESS) + coded
     if len(packet) < start + 2 + CRC:
@@ -118,18 +129,18 @@ def parse(packet: bytes, *, coded: bool) -> RidFrame:
     if kind == ADV_NONCONN_IND and not coded:
         if len(payload) < 6:
             raise DecodeError("no advertiser's address")
-        transport, address, said = Transport.BT4, payload[5::-1], payload[6:]
+        transport, address, service_data = Transport.BT4, payload[5::-1], payload[6:]
     elif kind == ADV_EXT_IND:
         transport = Transport.BT5
-        address, said = _extended(payload)
+        address, service_data = _extended(payload)
     else:
         raise DecodeError(f"PDU type {kind}, Remote ID uses {ADV_NONCONN_IND} and, extended, {ADV_EXT_IND}")
-    counter, body = _service_data(said)
+    counter, body = _service_data(service_data)
     return RidFrame(RidHeader(transport, counter=counter, address=address), body)
 
 
-def _sealed(kind: int, random: bool, payload: bytes) -> bytes:
-    """PDU header, payload and CRC."""
+def _pdu_with_crc(kind: int, random: bool, payload: bytes) -> bytes:
+    """The PDU header, the payload and their CRC."""
     if len(payload) > 255:
         raise ValueError(f"a payload of {len(payload)} bytes, at most 255")
     pdu = bytes([kind | (_RANDOM if random else 0), len(payload)]) + payload
@@ -144,14 +155,14 @@ def _address(frame: RidFrame) -> bytes:
 
 
 def _advertising_data(frame: RidFrame) -> bytes:
-    said = bytes([SERVICE_DATA]) + REMOTE_ID + bytes([frame.header.counter]) + frame.body
-    if len(said) > 255:
+    service_data = bytes([SERVICE_DATA]) + REMOTE_ID + bytes([frame.header.counter]) + frame.body
+    if len(service_data) > 255:
         raise ValueError(f"a body of {len(frame.body)} bytes does not fit an advertisement")
-    return bytes([len(said)]) + said
+    return bytes([len(service_data)]) + service_data
 
 
 def _data_info(frame: RidFrame, set_id: int) -> bytes:
-    """ADI: which data (changed with the counter), of which set."""
+    """ADI field: the data id, which changes with the counter, and the set id."""
     if not 0 <= set_id <= 15:
         raise ValueError(f"set_id {set_id}: 0…15")
     return struct.pack("<H", set_id << 12 | frame.header.counter)
@@ -161,18 +172,18 @@ def _extended(payload: bytes) -> tuple[bytes, bytes]:
     """Advertiser's address and advertising data of an extended payload."""
     size = payload[0] & 0x3F if payload else 0
     if size < 7 or len(payload) < 1 + size or not payload[1] & _ADDRESS:
-        raise DecodeError("an extended advertisement without its sender's address")
+        raise DecodeError("an extended advertisement without the advertiser's address")
     return payload[7:1:-1], payload[1 + size :]
 
 
-def _service_data(said: bytes) -> tuple[int, bytes]:
-    """Counter and body of the first AD structure that is Remote ID's."""
+def _service_data(service_data: bytes) -> tuple[int, bytes]:
+    """Counter and body of the first AD structure that holds Remote ID."""
     at = 0
-    while at < len(said) and said[at]:  # a length of 0 ends the data early
-        end = at + 1 + said[at]
-        if end > len(said):
-            raise DecodeError(f"an AD structure of {said[at]} bytes does not fit its advertisement")
-        if said[at + 1] == SERVICE_DATA and said[at + 2 : at + 5] == REMOTE_ID and end > at + 5:
-            return said[at + 5], said[at + 6 : end]
+    while at < len(service_data) and service_data[at]:  # a length of 0 ends the data early
+        end = at + 1 + service_data[at]
+        if end > len(service_data):
+            raise DecodeError(f"an AD structure of {service_data[at]} bytes does not fit its advertisement")
+        if service_data[at + 1] == SERVICE_DATA and service_data[at + 2 : at + 5] == REMOTE_ID and end > at + 5:
+            return service_data[at + 5], service_data[at + 6 : end]
         at = end
     raise DecodeError("an advertisement without Remote ID")

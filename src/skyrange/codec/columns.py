@@ -1,8 +1,8 @@
-"""How are many MAVLink messages packed and unpacked at once? Arrays of messages to columns of frames, and back.
+"""Batch encoding and decoding of MAVLink 2: arrays of messages to columns of frames, and back.
 
-The same bytes as `codec.mavlink` makes and reads, one by one, from the same tables (`codec.wire.LAYOUTS`); tests hold
-the two against each other. Only MAVLink 2 frames come in this way, signed or not (what a signature is worth is
-`codec.signing`'s): whatever else there is, is left to the one that takes them singly.
+Produces and reads the same bytes as `codec.mavlink` does one by one, from the same tables (`codec.wire.LAYOUTS`);
+tests compare the two. Only MAVLink 2 frames are decoded in batches, signed or not (`codec.signing` verifies
+signatures). All other payloads are left to the single decoder.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2
 from skyrange.core.compiled import kernel
 
 Table = NDArray[Any]
-"""A structured array: one row per message, fields under pymavlink's names in wire units."""
+"""A structured array: one row per message, fields under pymavlink's names in the units of the wire format."""
 
 _TYPES: Final = {
     "int8_t": "i1", "uint8_t": "u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
@@ -34,7 +34,7 @@ _SIGNED: Final = int(SIGNED)
 
 
 def _crc_table() -> NDArray[np.uint16]:
-    """CRC-16/MCRF4XX by the byte: polynomial 0x1021 reflected, start 0xFFFF (mavlink.io, serialization)."""
+    """CRC-16/MCRF4XX table for one byte: polynomial 0x1021 reflected, start 0xFFFF (mavlink.io, serialization)."""
     table = np.zeros(256, dtype=np.uint16)
     for byte in range(256):
         value = byte
@@ -46,7 +46,7 @@ def _crc_table() -> NDArray[np.uint16]:
 
 _CRC: Final = _crc_table()
 _IDS: Final = np.array(sorted(LAYOUTS), dtype=np.int64)
-"""Every message id of the dialect; a message's place in it is its *kind*."""
+"""Every message id of the dialect; the index of an id in this array is its *kind*."""
 _EXTRA: Final = np.array([LAYOUTS[number].crc_extra[0] for number in _IDS.tolist()], dtype=np.int64)
 _KIND: Final = np.full(int(_IDS[-1]) + 1, -1, dtype=np.int32)
 _KIND[_IDS] = np.arange(len(_IDS))
@@ -74,7 +74,7 @@ def _pack(
     raw: NDArray[np.uint8], number: int, extra: int, systems: Ints, component: int, sequences: Ints,
     out: Bytes, starts: Ints, sizes: Ints, at: int, crcs: NDArray[np.uint16],
 ) -> int:  # fmt: skip
-    """Write one frame per row of `raw`, from byte `at` of `out` on; returns where they end."""
+    """Write one frame per row of `raw` to `out` from byte `at` on; returns the end of the last frame."""
     for row in range(raw.shape[0]):
         length = raw.shape[1]
         while length > 1 and raw[row, length - 1] == 0:  # MAVLink 2 cuts trailing zeros, but not the first byte
@@ -107,7 +107,7 @@ def _pack(
 
 
 def pack(batches: list[tuple[int, Table, Ints, Ints]], component: int) -> Payloads:
-    """Frames of several batches of messages, in their order.
+    """Encode several batches of messages as frames, in their order.
 
     A batch is (message id, rows of `dtype_of` that id, (n,) system ids, (n,) sequence numbers 0…255).
     """
@@ -128,9 +128,9 @@ def pack(batches: list[tuple[int, Table, Ints, Ints]], component: int) -> Payloa
 
 @kernel
 def kind_at(data: Bytes, at: int, size: int, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16]) -> int:
-    """The kind of the frame in `size` bytes from `at` on; the last three are `TABLES`.
+    """The kind of the frame in `size` bytes from `at` on; the last three arguments are `TABLES`.
 
-    -1 where the bytes are not one whole, valid MAVLink 2 frame.
+    -1 if the bytes are not exactly one valid MAVLink 2 frame.
     """
     if size < _HEADER + _CHECKSUM or data[at] != _MAGIC:
         return -1
@@ -153,11 +153,11 @@ def kind_at(data: Bytes, at: int, size: int, kinds: NDArray[np.int32], extras: I
 
 
 TABLES: Final = (_KIND, _EXTRA, _CRC)
-"""What `kind_at` needs besides the frame."""
+"""The lookup tables that `kind_at` takes after the frame."""
 
 
 @kernel
-def _sort(
+def _classify(
     data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
     found: Ints,
 ) -> None:  # fmt: skip
@@ -167,7 +167,7 @@ def _sort(
 
 
 @kernel
-def _ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
+def _read_ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
     for row in range(starts.shape[0]):
         at = starts[row]
         found[row] = -1
@@ -179,15 +179,15 @@ def _ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
 
 
 def message_ids(payloads: Payloads) -> Ints:
-    """(n,) the message ids in the headers, known or not; -1 where a payload cannot be a MAVLink frame."""
+    """(n,) the message ids in the headers, known or not; -1 for a payload that cannot be a MAVLink frame."""
     found = np.empty(len(payloads), dtype=np.int64)
-    _ids(payloads.data, payloads.starts, payloads.sizes, found)
+    _read_ids(payloads.data, payloads.starts, payloads.sizes, found)
     return found
 
 
 @kernel
-def _spread(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
-    """Copy the payloads of some frames, zeros behind them, and their (sequence, system, component)."""
+def _copy_payloads(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
+    """Copy the payloads of some frames, padded with zeros, and their (sequence, system, component)."""
     for place in range(rows.shape[0]):
         row = rows[place]
         at = starts[row]
@@ -202,7 +202,7 @@ def _spread(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArray[np.u
 
 
 class Group(NamedTuple):
-    """All frames of one message id in a column: where they stood in it, who sent them, what they say."""
+    """All frames of one message id in a column: their rows, their senders and their decoded values."""
 
     message_id: int
     rows: Ints
@@ -213,10 +213,10 @@ class Group(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """One column of a message as tables have it: a scalar field, a text, or one element of an array."""
+    """One column of a message in tables: a scalar field, a text, or one element of an array."""
 
     name: str
-    """The field's name, `name[i]` for an element."""
+    """The field's name, or `name[i]` for an element."""
     field: str
     element: int | None
     kind: str
@@ -225,7 +225,7 @@ class Cell(NamedTuple):
 
 @cache
 def cells_of(message_id: int) -> tuple[Cell, ...]:
-    """The columns of a message, in its own order."""
+    """The columns of a message, in the order of its fields."""
     cells: list[Cell] = []
     dtype = dtype_of(message_id)
     for name in LAYOUTS[message_id].cls.fieldnames:
@@ -239,9 +239,9 @@ def cells_of(message_id: int) -> tuple[Cell, ...]:
 
 
 def sort(payloads: Payloads) -> Ints:
-    """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can tell what it is, if anything."""
+    """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can decide whether it is a frame, and which."""
     found = np.empty(len(payloads), dtype=np.int64)
-    _sort(payloads.data, payloads.starts, payloads.sizes, *TABLES, found)
+    _classify(payloads.data, payloads.starts, payloads.sizes, *TABLES, found)
     return found
 
 
@@ -254,22 +254,22 @@ KINDS: Final = len(_IDS)
 
 
 def id_of_kind(kind: int) -> int:
-    """The message id of a kind that `sort` found."""
+    """The message id of a kind that `sort` returned."""
     return int(_IDS[kind])
 
 
 def group(payloads: Payloads, kind: int, rows: Ints) -> Group:
-    """The messages in `rows`, all of one kind."""
+    """Decode the messages in `rows`, all of one kind."""
     number = id_of_kind(kind)
     dtype = dtype_of(number)
     raw = np.empty((len(rows), dtype.itemsize), dtype=np.uint8)
     head = np.empty((len(rows), 3), dtype=np.int64)
-    _spread(payloads.data, payloads.starts, rows, head, raw)
+    _copy_payloads(payloads.data, payloads.starts, rows, head, raw)
     return Group(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
 
 
 def unpack(payloads: Payloads) -> tuple[list[Group], Ints]:
-    """Messages by id, in order of id, and the rows that are none of them: see `sort`."""
+    """Decode all messages, grouped by id in order of id, and return the rows that are in no group (see `sort`)."""
     kinds = sort(payloads)
     groups = [group(payloads, kind, np.flatnonzero(kinds == kind)) for kind in np.unique(kinds).tolist() if kind >= 0]
     return groups, np.flatnonzero(kinds < 0)

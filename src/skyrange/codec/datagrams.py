@@ -1,4 +1,4 @@
-"""How does a message look as a UDP datagram over IPv4? For captures: skyrange sends none itself.
+"""UDP datagrams over IPv4 for capture files; skyrange sends none of them itself.
 
 Sources: RFC 791 (IPv4 header, and its checksum), RFC 768 (UDP).
 """
@@ -11,21 +11,21 @@ from typing import Final, NamedTuple
 _IP: Final = struct.Struct(">BBHHHBBHII")
 _UDP: Final = struct.Struct(">HHHH")
 _WHOLE: Final = 0x4000
-"""Flags: not to be cut into fragments, so that an identification of 0 is in order (RFC 6864)."""
+"""Flags: do not fragment, which permits an identification of 0 (RFC 6864)."""
 _TTL: Final = 64
 _PROTOCOL: Final = 17
 MOST: Final = 0xFFFF - _IP.size - _UDP.size
 
 
 class Socket(NamedTuple):
-    """Where a datagram is from, or goes: an IPv4 address as a number, and a UDP port."""
+    """One end of a datagram: an IPv4 address as a number, and a UDP port."""
 
     address: int
     port: int
 
 
 def udp(source: Socket, target: Socket, payload: bytes) -> bytes:
-    """The datagram from its IPv4 header on; `ValueError` for more than `MOST` bytes. UDP's checksum is left out (0)."""
+    """The datagram from its IPv4 header on. The UDP checksum is omitted (0). Raises `ValueError` above `MOST` bytes."""
     if len(payload) > MOST:
         raise ValueError(f"{len(payload)} bytes, a datagram holds at most {MOST}")
     size = _UDP.size + len(payload)
@@ -35,7 +35,7 @@ def udp(source: Socket, target: Socket, payload: bytes) -> bytes:
 
 
 def _checksum(header: bytes) -> int:
-    """One's complement of the one's complement sum of its 16-bit words."""
+    """One's complement of the one's complement sum of the header's 16-bit words."""
     total: int = sum(struct.unpack(f">{len(header) // 2}H", header))
     while total >> 16:
         total = (total & 0xFFFF) + (total >> 16)

@@ -1,10 +1,9 @@
-"""Where in a stream of bytes are the MAVLink frames? An incremental parser that keeps its place.
+"""Incremental MAVLink deframer: splits a byte stream into frames and garbage.
 
-A frame is what `mavlink.decode` accepts. Everything else is garbage: the bytes of a frame whose
-checksum is wrong, whose flags are unknown or whose message id is outside the dialect (its checksum
-cannot be verified without the definition) are searched again from the byte after its magic, so that
-no good frame inside is lost. (pymavlink's parser skips the whole bad frame instead, so a frame hidden
-in the payload of a bad one is seen here and not there.)
+A frame is what `mavlink.decode` accepts. Everything else is garbage. When a checksum is wrong, flags are unknown or a
+message id is outside the dialect (its checksum cannot be verified without the definition), the search resumes at the
+byte after the frame's magic byte, so that no good frame inside is lost. (pymavlink's parser skips the whole bad frame
+instead, so a frame hidden in the payload of a bad one is found here and not there.)
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ class Piece(NamedTuple):
 
 @dataclass(slots=True)
 class Counts:
-    """What a stream held so far; independent of how it was cut into chunks.
+    """Counters of one stream; they do not depend on how the stream was cut into chunks.
 
-    `bad_checksums` and `unknown_messages` count places where a frame could have begun, so bytes that
-    merely look like a magic byte inside garbage count as well.
+    `bad_checksums` and `unknown_messages` count positions where a frame could have begun, so bytes in garbage that
+    merely look like a magic byte count as well.
     """
 
     frames: int = 0
@@ -38,11 +37,11 @@ class Counts:
     bad_checksums: int = 0
     unknown_messages: int = 0
     truncated: int = 0
-    """Streams that ended inside what looked like a frame: at most one per `finish`."""
+    """Streams that ended inside a possible frame: at most one per `finish`."""
 
 
 class Deframer:
-    """Turns arbitrary chunks of one stream into frames and garbage, losing and inventing no byte.
+    """Splits arbitrary chunks of one stream into frames and garbage, without losing or adding a byte.
 
     Holds back at most one incomplete frame (under 280 bytes) between calls.
     """
@@ -54,11 +53,13 @@ class Deframer:
         self.counts = Counts()
 
     def feed(self, data: bytes) -> list[Piece]:
-        """The pieces that `data` completes, in stream order; neighbouring garbage is one piece."""
+        """The pieces that `data` completes, in stream order; adjacent garbage bytes form one piece."""
         return self._scan(self._pending + data, ended=False)
 
     def finish(self) -> list[Piece]:
-        """The stream has ended: what was held back, searched again for whole frames. Ready for another stream."""
+        """End the stream: search what was held back again for whole frames. The deframer is then ready for another
+        stream.
+        """
         return self._scan(self._pending, ended=True)
 
     def _scan(self, buffer: bytes, ended: bool) -> list[Piece]:
@@ -107,7 +108,7 @@ _BAD_CHECKSUM = -2
 
 
 def _frame_end(buffer: bytes, at: int, size: int) -> int:
-    """Where the frame at `at` ends; beyond `size` while that is undecided; 0 or less if none is there."""
+    """The end of the frame at `at`: beyond `size` while more bytes are needed, 0 or less if there is no frame."""
     undecided = size + 1
     available = size - at
     if buffer[at] == MAGIC_V2:

@@ -1,6 +1,6 @@
-"""How are many Remote ID broadcasts read and written at once? Columns of Location and Basic ID, and packs of them.
+"""Batch encoding and decoding of F3411 messages: columns of Location and Basic ID, and packs of them.
 
-The same bytes and numbers as `codec.f3411`, one by one; tests hold the two against each other. Unknown is NaN.
+Produces the same bytes and numbers as `codec.f3411` does one by one; tests compare the two. Unknown values are NaN.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CODES: Final = (
     "status", "height_type", "horizontal_accuracy", "vertical_accuracy", "baro_accuracy", "speed_accuracy",
     "timestamp_accuracy",
 )  # fmt: skip
-"""Those that are codes."""
+"""The fields of a Location that are codes."""
 _LOCATION: Final = int(MessageType.LOCATION)
 _BASIC_ID: Final = int(MessageType.BASIC_ID)
 _PACK: Final = int(MessageType.MESSAGE_PACK)
@@ -41,12 +41,14 @@ _TRACK_UNKNOWN: Final = values.TRACK_UNKNOWN[0]
 
 
 class LocationColumns(NamedTuple):
-    """What many broadcasts say of where and who: one row per body, in their order, fields as in `f3411.Location`."""
+    """The Location and the Basic ID of many broadcasts: one row per body, in their order, fields as in
+    `f3411.Location`.
+    """
 
     whole: Flags
     """(n,) whether `f3411.decode` would accept the body."""
     found: Flags
-    """(n,) whether there is a Location in the body; where not, floats are NaN and codes 0."""
+    """(n,) whether the body holds a Location; where it does not, floats are NaN and codes 0."""
     lat_deg: Floats
     lon_deg: Floats
     alt_geo_m: Floats
@@ -66,16 +68,16 @@ class LocationColumns(NamedTuple):
     speed_accuracy: Codes
     timestamp_accuracy: Codes
     has_id: Flags
-    """(n,) whether there is a Basic ID in the body."""
+    """(n,) whether the body holds a Basic ID."""
     id_type: Codes
     ua_type: Codes
     uas_id: NDArray[np.bytes_]
-    """(n,) S20, the first Basic ID's; b"" where there is none."""
+    """(n,) S20, from the first Basic ID; b"" if there is none."""
 
 
 @kernel
-def _find(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, named: Ints) -> None:
-    """Where each body's first Location and first Basic ID begin in `data`; -1 where it has none or is not whole."""
+def _find_messages(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, named: Ints) -> None:
+    """Write where each body's first Location and first Basic ID begin in `data`; -1 if it has none or is malformed."""
     for row in range(starts.shape[0]):
         start, size = starts[row], sizes[row]
         whole[row], located[row], named[row] = False, -1, -1
@@ -87,7 +89,7 @@ def _find(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, n
             if told <= PACK_MOST and size == PACK_HEADER + SIZE * told:
                 first, count = start + PACK_HEADER, told
         whole[row] = count > 0
-        for place in range(count - 1, -1, -1):  # backwards, so that the first one stays
+        for place in range(count - 1, -1, -1):  # backwards, so that the first one is kept
             at = first + SIZE * place
             kind = data[at] >> 4
             if kind == _LOCATION:
@@ -98,7 +100,7 @@ def _find(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, n
 
 @kernel
 def _word(data: Bytes, at: int, size: int) -> int:
-    """An unsigned number, little-endian."""
+    """An unsigned little-endian integer."""
     word = 0
     for place in range(size):
         word |= int(data[at + place]) << (8 * place)
@@ -111,8 +113,10 @@ def _altitude(raw: int) -> float:
 
 
 @kernel
-def _read(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes: Codes, names: Bytes) -> None:
-    """Fill `numbers`, `codes` (their rows as `NUMBERS` and `CODES` have them, then both types of an id) and `names`."""
+def _read_values(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes: Codes, names: Bytes) -> None:
+    """Fill `numbers`, `codes` (rows in the order of `NUMBERS` and `CODES`, then both types of the Basic ID) and
+    `names`.
+    """
     for row in range(located.shape[0]):
         numbers[:, row] = math.nan
         codes[:, row] = 0
@@ -153,21 +157,21 @@ def _read(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes: Codes
 
 
 def location_rows(bodies: Payloads) -> LocationColumns:
-    """The Location and the first Basic ID of each body, a message or a pack; a bad body has neither."""
+    """The Location and the first Basic ID of each body, a message or a pack; a malformed body has neither."""
     count = len(bodies)
     whole = np.empty(count, dtype=np.bool_)
     located, named = np.empty((2, count), dtype=np.int64)
-    _find(bodies.data, bodies.starts, bodies.sizes, whole, located, named)
+    _find_messages(bodies.data, bodies.starts, bodies.sizes, whole, located, named)
     numbers, codes = np.empty((9, count)), np.empty((9, count), dtype=np.uint8)
     names = np.empty((count, 20), dtype=np.uint8)
-    _read(bodies.data, located, named, numbers, codes, names)
+    _read_values(bodies.data, located, named, numbers, codes, names)
     texts = names.view("S20")[:, 0]
     return LocationColumns._make((whole, located >= 0, *numbers, *codes[:7], named >= 0, *codes[7:], texts))
 
 
 @kernel
 def _steps(metres: float) -> int:
-    """An altitude's 16 bits: saturating, 0 for unknown."""
+    """The 16 bits of an altitude: saturating, 0 for unknown."""
     if math.isnan(metres):
         return 0
     least, most = values.ALTITUDE_LEAST_M + values.ALTITUDE_STEP_M, values.ALTITUDE_MAX_M
@@ -176,14 +180,16 @@ def _steps(metres: float) -> int:
 
 
 @kernel
-def _put(out: Bodies, row: int, at: int, size: int, number: int) -> None:
+def _put_int(out: Bodies, row: int, at: int, size: int, number: int) -> None:
     for place in range(size):
         out[row, at + place] = number >> (8 * place) & 0xFF
 
 
 @kernel
-def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
-    """Fill the messages; returns the number of a column (first `numbers`, then `codes`) that has no bytes, or -1."""
+def _write_locations(numbers: Floats, codes: Codes, out: Bodies) -> int:
+    """Fill the messages; returns the index of a column (first `numbers`, then `codes`) that cannot
+    be encoded, or -1.
+    """
     for row in range(numbers.shape[1]):
         for column in range(codes.shape[0]):
             if codes[column, row] > (1 if column == 1 else 15):
@@ -198,11 +204,11 @@ def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
                 return 0
             if not -(2.0**31) <= lon < 2.0**31:
                 return 1
-            _put(out, row, 5, 4, int(lat))
-            _put(out, row, 9, 4, int(lon))
-        _put(out, row, 13, 2, _steps(numbers[3, row]))
-        _put(out, row, 15, 2, _steps(numbers[2, row]))
-        _put(out, row, 17, 2, _steps(numbers[4, row]))
+            _put_int(out, row, 5, 4, int(lat))
+            _put_int(out, row, 9, 4, int(lon))
+        _put_int(out, row, 13, 2, _steps(numbers[3, row]))
+        _put_int(out, row, 15, 2, _steps(numbers[2, row]))
+        _put_int(out, row, 17, 2, _steps(numbers[4, row]))
         if speed < 0.0:
             return 5
         fast = not speed <= values.SPEED_KNEE_MPS  # unknown counts as fast: 255 with the multiplier
@@ -229,7 +235,7 @@ def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
             if not 0.0 <= rounded < values.TIME_UNKNOWN:
                 return 8
             tenths = int(rounded)
-        _put(out, row, 21, 2, tenths)
+        _put_int(out, row, 21, 2, tenths)
         out[row, 1] = codes[0, row] << 4 | codes[1, row] << 2 | (2 if west else 0) | (1 if fast else 0)
         out[row, 19] = codes[3, row] << 4 | codes[2, row]
         out[row, 20] = codes[4, row] << 4 | codes[5, row]
@@ -238,22 +244,22 @@ def _write(numbers: Floats, codes: Codes, out: Bodies) -> int:
 
 
 def encode_locations(numbers: Floats, codes: Codes) -> Bodies:
-    """(n, 25) Location messages of (9, n) numbers and (7, n) codes, in the order of `NUMBERS` and `CODES`.
+    """(n, 25) Location messages from (9, n) numbers and (7, n) codes, in the order of `NUMBERS` and `CODES`.
 
-    NaN is unknown. As `f3411.encode`, it saturates speeds and altitudes; a place, track, time or code without bytes
-    is `ValueError`.
+    NaN is unknown. Speeds and altitudes saturate as in `f3411.encode`. Raises `ValueError` for a position, track, time
+    or code that cannot be encoded.
     """
     out = np.empty((numbers.shape[1], SIZE), dtype=np.uint8)
-    wrong = _write(numbers, codes, out)
+    wrong = _write_locations(numbers, codes, out)
     if wrong >= 0:
-        raise ValueError(f"{(*NUMBERS, *CODES)[wrong]}: a value without bytes in a Location")
+        raise ValueError(f"{(*NUMBERS, *CODES)[wrong]}: a value that a Location cannot encode")
     return out
 
 
 def rows_of(bodies: Sequence[bytes]) -> Bodies:
-    """(n, 25) of messages encoded one by one (`f3411.encode`), which change seldom; `ValueError` for other lengths."""
+    """(n, 25) rows from messages encoded one by one (`f3411.encode`); raises `ValueError` for other lengths."""
     if any(len(body) != SIZE for body in bodies):
-        raise ValueError(f"messages of {SIZE} bytes")
+        raise ValueError(f"a message of another length, expected {SIZE} bytes each")
     return np.frombuffer(b"".join(bodies), dtype=np.uint8).reshape(len(bodies), SIZE)
 
 

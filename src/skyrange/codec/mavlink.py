@@ -1,11 +1,11 @@
-"""What does a MAVLink frame say, and how is one made? Decoding, packing, and cheap looks at headers.
+"""MAVLink frames: decoding, packing, and header fields without decoding.
 
-MAVLink 2 by pymavlink's ardupilotmega dialect; MAVLink 1 is read, never written. Signatures are
-accepted on input and **not verified**, which is for those who hold a key (`codec.signing`); output is unsigned, as
-ArduPilot's is by default.
+Writes MAVLink 2 and reads MAVLink 2 and 1, by pymavlink's ardupilotmega dialect. Signatures are accepted on input and
+**not verified**; `codec.signing` verifies them for those who hold a key. Output is unsigned, which is ArduPilot's
+default.
 
-Decoded messages are memoised by payload and therefore shared: treat them as immutable. Arrays are
-tuples. To change one, build another with the class of `dialect`.
+Decoded messages are memoised by payload and therefore shared: treat them as immutable. Arrays are tuples. To change a
+message, build another one with its class in `dialect`.
 """
 
 from __future__ import annotations
@@ -57,15 +57,15 @@ Message: TypeAlias = Any
 The message id is `type(message).id`: in STATUSTEXT and others `id` is a field."""
 
 MEMO_FRAMES = 16_384
-"""Distinct payloads kept decoded (about 1.3 kB each): what a thousand aircraft say in the delay of a few hops."""
+"""Distinct payloads kept decoded (about 1.3 kB each): enough for what a thousand aircraft send during a few hops."""
 
 
 def _decode(payload: bytes) -> Message:
-    """The message in `payload`, exactly one whole valid frame of MAVLink 2 or 1, or `DecodeError`.
+    """Decode `payload`, which must be exactly one valid frame of MAVLink 2 or 1; raises `DecodeError` otherwise.
 
-    Checked: magic, length against the header's, incompatibility flags, a message id of the dialect,
-    checksum. A MAVLink 2 payload may lack trailing zeros; bytes beyond the known definition (a newer
-    sender's extensions) are ignored. Memoised over the last `MEMO_FRAMES` payloads.
+    Checked: magic, length against the header's, incompatibility flags, a message id of the dialect, checksum. A
+    MAVLink 2 payload may lack trailing zeros. Bytes beyond the known definition (extensions of a newer sender) are
+    ignored. Results of the last `MEMO_FRAMES` payloads are memoised.
     """
     size = len(payload)
     if size < MIN_FRAME:
@@ -129,15 +129,15 @@ decode = cast("Callable[[bytes], Message]", lru_cache(maxsize=MEMO_FRAMES)(_deco
 
 
 class Packer:
-    """Makes one component's MAVLink 2 frames, with its own rolling sequence number.
+    """Packs one component's messages as MAVLink 2 frames, with its own rolling sequence number.
 
-    Unsigned, trailing zeros of the payload cut. Three integers of state: copies of it go on alike.
+    Frames are unsigned; trailing zeros of the payload are cut. The state is three integers, so copies continue alike.
     """
 
     __slots__ = ("component", "sequence", "system")
 
     def __init__(self, system: int, component: int) -> None:
-        """`system` and `component` in 0…255, else `ValueError`."""
+        """`system` and `component` are 0…255, else `ValueError`."""
         if not (0 <= system <= 255 and 0 <= component <= 255):
             raise ValueError(f"system {system}, component {component}: both must be in 0…255")
         self.system = system
@@ -145,17 +145,17 @@ class Packer:
         self.sequence = 0
 
     def skip(self) -> int:
-        """Take the next sequence number, for a frame that is made elsewhere."""
+        """Take the next sequence number for a frame that is packed elsewhere."""
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF
         return sequence
 
     def pack(self, message: Message) -> bytes:
-        """The frame of `message`, which is left as it was; `ValueError` names a field that does not fit."""
-        number: int = type(message).id  # not message.id: a field of STATUSTEXT, BATTERY_STATUS and others
+        """The frame of `message`, which is not modified; raises `ValueError` naming a field that does not fit."""
+        number: int = type(message).id  # not message.id, which is a field of STATUSTEXT, BATTERY_STATUS and others
         layout = LAYOUTS[number]
         body = body_of(message)
-        body = body.rstrip(b"\0") or b"\0"  # the first byte always stays (serialization, "payload truncation")
+        body = body.rstrip(b"\0") or b"\0"  # the first byte is always kept (serialization, "payload truncation")
         sequence = self.skip()
         covered = (
             pack_header_v2(
@@ -167,7 +167,9 @@ class Packer:
 
 
 def body_of(message: Message) -> bytes:
-    """The whole payload of `message`, extensions included and no zeros cut; `ValueError` names what does not fit."""
+    """The whole payload of `message`, extensions and trailing zeros included; raises `ValueError` for a value that
+    does not fit.
+    """
     layout = LAYOUTS[type(message).id]
     values = layout.attributes(message)
     if layout.spread:
@@ -181,7 +183,7 @@ def body_of(message: Message) -> bytes:
 
 
 def _flat(layout: Layout, values: Any) -> list[Any]:
-    """Values in wire order with every array spread out, exactly as long as it is defined."""
+    """Values in wire order with every array flattened to its defined length."""
     if len(layout.fields) == 1:
         values = (values,)
     flat: list[Any] = []
@@ -196,7 +198,7 @@ def _flat(layout: Layout, values: Any) -> list[Any]:
 
 
 def describe(message: Message) -> dict[str, int | float | str]:
-    """Field name → value, in the message's own order; texts as `str`, an array as `name[0]`, `name[1]`, …."""
+    """Field name → value, in the order of the definition; texts as `str`, an array as `name[0]`, `name[1]`, …."""
     row: dict[str, int | float | str] = {}
     for name, _, _, kind in LAYOUTS[type(message).id].fields:
         value = getattr(message, name)
@@ -209,7 +211,7 @@ def describe(message: Message) -> dict[str, int | float | str]:
 
 
 def message_id(payload: bytes) -> int | None:
-    """The message id in the header, known or not; `None` where `payload` cannot be a MAVLink frame."""
+    """The message id in the header, known or not; `None` if `payload` cannot be a MAVLink frame."""
     if len(payload) < MIN_FRAME:
         return None
     magic = payload[0]
@@ -219,14 +221,14 @@ def message_id(payload: bytes) -> int | None:
 
 
 def message_name(payload: bytes) -> str | None:
-    """The message's name by its header; `None` for an id outside the dialect and for no MAVLink."""
+    """The message's name by its header; `None` for an id outside the dialect and for anything but MAVLink."""
     number = message_id(payload)
     layout = LAYOUTS.get(number) if number is not None else None
     return layout.cls.msgname if layout else None
 
 
 def system_of(payload: bytes) -> int | None:
-    """The sender's system id as the header claims; `None` where `payload` cannot be a MAVLink frame."""
+    """The sender's system id as the header claims; `None` if `payload` cannot be a MAVLink frame."""
     if len(payload) < MIN_FRAME:
         return None
     magic = payload[0]

@@ -1,4 +1,4 @@
-"""Which mission does a file hold? Reads QGC WPL 110 and QGroundControl plans, whichever it finds."""
+"""Mission files: QGC WPL 110 and QGroundControl plans, recognised by their content."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ __all__ = ["Mission", "MissionItem", "format_plan", "format_waypoints", "parse_p
 
 
 def read(path: str | os.PathLike[str]) -> Mission:
-    """The mission in the file at `path`; `Mission.source` becomes the path's text.
+    """Read the mission in the file at `path`; `Mission.source` becomes the path's text.
 
-    A file that begins with `QGC WPL` or `{` is what it begins with; otherwise the suffix (`.plan`,
-    `.waypoints`, `.txt`) says what it should have been. Raises `InputError` naming the file and every
-    fault found: unreadable, over 16 MiB, not UTF-8, or not a mission.
+    A file that begins with `QGC WPL` or `{` is read as that format; otherwise the suffix (`.plan`, `.waypoints`,
+    `.txt`) decides. Raises `InputError` with the file's name and every problem found: unreadable, over 16 MiB, not
+    UTF-8, or not a mission.
     """
     file = Path(path)
     name = str(file)

@@ -1,7 +1,7 @@
-"""What is a mission, and which values may stand in one? The model and checks that all file formats share.
+"""Mission model: items, their permitted values, and the checks that all file formats share.
 
-Numbering is ArduPilot's: home is item 0 and is not among `Mission.items`, so `items[0]` has sequence
-number 1, and that is what a DO_JUMP's `param1` refers to.
+Numbering is ArduPilot's: home is item 0 and is not among `Mission.items`, so `items[0]` has sequence number 1, and a
+DO_JUMP's `param1` refers to these numbers.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from skyrange.core.errors import Fault, InputError
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_ITEMS = 65_534
-"""With home, what MISSION_COUNT's 16 bits can count."""
+"""The most that MISSION_COUNT's 16 bits can count, home included."""
 MAX_FAULTS = 50
-"""A file that is wrong all over is not told line by line."""
+"""At most this many problems of one file are listed."""
 
 FRAMES: dict[int, str] = {
     number: entry.name
@@ -29,10 +29,11 @@ FRAMES: dict[int, str] = {
 GLOBAL_FRAMES = frozenset(number for number, name in FRAMES.items() if name.startswith("MAV_FRAME_GLOBAL"))
 LOCAL_FRAMES = frozenset(FRAMES) - GLOBAL_FRAMES - {dialect.MAV_FRAME_MISSION}
 LOCATED_COMMANDS = frozenset(number for number, entry in dialect.enums["MAV_CMD"].items() if entry.has_location)
-"""Commands whose x, y, z are a place (the MAVLink definitions' `hasLocation`); elsewhere they are parameters 5 to 7."""
+"""Commands whose x, y, z are a position (`hasLocation` in the MAVLink definitions); elsewhere they are parameters 5 to
+7."""
 TAKEOFFS = frozenset({dialect.MAV_CMD_NAV_TAKEOFF, dialect.MAV_CMD_NAV_VTOL_TAKEOFF})
 LANDINGS = frozenset({dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_NAV_VTOL_LAND})
-"""Take-offs and landings may leave latitude and longitude open: 0, 0 means "here" to ArduPilot."""
+"""Take-offs and landings may leave latitude and longitude unspecified: 0, 0 means "here" to ArduPilot."""
 
 _FLOAT32_MAX = 3.4028234663852886e38
 _INT32_MAX = 2**31 - 1
@@ -46,10 +47,10 @@ VALUES = ("param1", "param2", "param3", "param4", "x", "y", "z")
 class MissionItem:
     """One mission item, in the units of MAVLink's MISSION_ITEM.
 
-    `frame` is a MAV_FRAME, `command` a MAV_CMD. `x`, `y` are latitude and longitude in degrees for
-    global frames, metres for local ones, parameters 5 and 6 for commands without a place; `z` is the
-    altitude in metres by the frame's datum, or parameter 7. `param1` to `param4` may be NaN,
-    MAVLink's "not specified"; x, y, z are always finite.
+    `frame` is a MAV_FRAME, `command` a MAV_CMD. `x`, `y` are latitude and longitude in degrees for global frames,
+    metres for local ones, parameters 5 and 6 for commands without a position; `z` is the altitude in metres by the
+    frame's datum, or parameter 7. `param1` to `param4` may be NaN, MAVLink's "not specified"; x, y, z are always
+    finite.
     """
 
     frame: int
@@ -71,12 +72,11 @@ class MissionItem:
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """A mission as a file held it.
+    """A mission as read from a file.
 
-    `home` is (latitude °, longitude °, altitude m above mean sea level), or `None` where the file
-    names none. `fence` and `rally` are a plan's `geoFence` and `rallyPoints` objects, untouched.
-    `settings` are its further mission keys (`cruiseSpeed`, `hoverSpeed`, `vehicleType`, …). `source`
-    names where it came from, for messages.
+    `home` is (latitude °, longitude °, altitude m above mean sea level), or `None` if the file names none. `fence` and
+    `rally` are a plan's `geoFence` and `rallyPoints` objects, unchanged. `settings` are its further mission keys
+    (`cruiseSpeed`, `hoverSpeed`, `vehicleType`, …). `source` names the file in messages.
     """
 
     items: tuple[MissionItem, ...]
@@ -88,7 +88,7 @@ class Mission:
 
 
 class Faults:
-    """Collects what is wrong with one file, to raise it all at once."""
+    """Collects the problems of one file, to raise them all at once."""
 
     def __init__(self, who: str) -> None:
         self.who = who
@@ -96,18 +96,18 @@ class Faults:
         self.total = 0
 
     def add(self, where: str, value: object, expected: str, hint: str = "") -> None:
-        """One more fault; past `MAX_FAULTS` they are only counted."""
+        """Add a problem; beyond `MAX_FAULTS` problems are only counted."""
         self.total += 1
         if len(self.found) < MAX_FAULTS:
             self.found.append(Fault(where, shown(value), expected, hint))
 
     def stop(self, where: str, value: object, expected: str, hint: str = "") -> NoReturn:
-        """One more fault, after which looking further makes no sense."""
+        """Add a problem and raise all of them: reading cannot go on."""
         self.add(where, value, expected, hint)
         raise InputError(self.who, self.found)
 
     def raise_any(self) -> None:
-        """`InputError` if anything was added."""
+        """Raise `InputError` if any problem was added."""
         if self.total > len(self.found):
             self.found.append(Fault("further on", f"{self.total - len(self.found)} more faults", "none"))
         if self.found:
@@ -115,7 +115,7 @@ class Faults:
 
 
 def shown(value: object) -> str:
-    """A value as it is quoted in a fault: at most 60 characters."""
+    """A value as problems quote it: at most 60 characters."""
     text = repr(value[:61] if isinstance(value, str | list) else value)
     return text if len(text) <= 60 else text[:59] + "…"
 
@@ -124,21 +124,21 @@ HOME_EXPECTED = "a latitude in -90…90° and a longitude in -180…180°, an al
 
 
 def may_be_home(lat_deg: float, lon_deg: float, alt_m: float) -> bool:
-    """Whether HOME_POSITION can carry it: degrees in range, millimetres in 32 bits."""
+    """Whether HOME_POSITION can hold these values: degrees in range, millimetres in 32 bits."""
     return abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(alt_m) * 1e3 <= _INT32_MAX
 
 
 def checked_item(
     frame: int, command: int, values: Sequence[float], autocontinue: bool, wheres: Sequence[str], faults: Faults
 ) -> MissionItem | None:
-    """The item with `values` (param1 … param4, x, y, z), or `None` and a fault for each that cannot stand.
+    """The item with `values` (param1 … param4, x, y, z), or `None` and a problem for each value that is not permitted.
 
-    `wheres` names each value's place in the file. Ranges are MISSION_ITEM_INT's. An unspecified (NaN)
-    x, y or z becomes 0 where that means "here" or nothing: all three for commands without a place,
-    x and y for take-off and landing, z for landing.
+    `wheres` names each value's position in the file. Ranges are MISSION_ITEM_INT's. An unspecified (NaN) x, y or z
+    becomes 0 where that means "here" or has no meaning: all three for commands without a position, x and y for
+    take-off and landing, z for landing.
     """
     before = faults.total
-    open_here = _open_values(command)
+    open_here = _optional_values(command)
     settled = []
     for name, value, where in zip(VALUES, values, wheres, strict=True):
         if math.isnan(value):
@@ -158,7 +158,7 @@ def checked_item(
     return MissionItem(frame, command, param1, param2, param3, param4, x, y, z, autocontinue)
 
 
-def _open_values(command: int) -> tuple[str, ...]:
+def _optional_values(command: int) -> tuple[str, ...]:
     if command not in LOCATED_COMMANDS or command in LANDINGS:
         return ("x", "y", "z")
     return ("x", "y") if command in TAKEOFFS else ()
@@ -179,5 +179,5 @@ def _meaning(frame: int, command: int, name: str) -> str:
 
 
 def frame_hint() -> str:
-    """The frames a file may name."""
+    """The MAV_FRAME values that a file may use."""
     return "one of " + ", ".join(f"{number} {name[10:]}" for number, name in sorted(FRAMES.items()))

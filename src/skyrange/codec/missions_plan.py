@@ -1,10 +1,10 @@
-"""How is a mission written as a QGroundControl `.plan` file?
+"""QGroundControl `.plan` files: reading and writing.
 
-The format of https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html: JSON;
-an item is simple (one MAVLink item, `null` for NaN) or complex. A complex item is read through the
-simple items that QGroundControl embeds in it (`TransectStyleComplexItem.Items`: survey, corridor
-scan; or `Items`). Those saved as parameters alone (structure scan, landing patterns, surveys of old
-versions) would need QGroundControl's own geometry and are refused with that explanation.
+The format of https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html: JSON; an item is simple
+(one MAVLink item, `null` for NaN) or complex. A complex item is read through the simple items that QGroundControl
+embeds in it (`TransectStyleComplexItem.Items`: survey, corridor scan; or `Items`). Complex items saved as parameters
+alone (structure scan, landing patterns, surveys of old versions) would need QGroundControl's own geometry and are
+refused with that explanation.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from skyrange.codec.missions_item import (
 from skyrange.core.errors import InputError
 
 MAX_DEPTH = 32
-"""Of brackets within brackets; QGroundControl's own plans need 7."""
+"""Nesting of brackets; QGroundControl's own plans need 7."""
 DEFAULT_SETTINGS: dict[str, object] = {
     "cruiseSpeed": 15,
     "firmwareType": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
@@ -40,17 +40,17 @@ DEFAULT_SETTINGS: dict[str, object] = {
     "hoverSpeed": 5,
     "vehicleType": dialect.MAV_TYPE_QUADROTOR,
 }
-"""What a plan says besides items and home where the mission comes from elsewhere (speeds in m/s, the format page's)."""
+"""Settings of a plan whose mission came from another format (speeds in m/s, from the format's page)."""
 NO_FENCE: dict[str, object] = {"circles": [], "polygons": [], "version": 2}
 NO_RALLY: dict[str, object] = {"points": [], "version": 2}
 _OWN_KEYS = frozenset({"items", "plannedHomePosition", "version"})
 
 
 def parse_plan(text: str, name: str) -> Mission:
-    """The mission in `text`; `name` (a file's) is blamed in errors.
+    """Parse the mission in `text`; `name` is the file's name in errors.
 
-    DO_JUMP's `doJumpId` references become sequence numbers. Raises `InputError` with the JSON path,
-    value and expectation of everything wrong.
+    DO_JUMP's `doJumpId` references become sequence numbers. Raises `InputError` with the JSON path, value and
+    expectation of everything wrong.
     """
     plan = _load(text, name)
     faults = Faults(name)
@@ -66,7 +66,7 @@ def parse_plan(text: str, name: str) -> Mission:
     if mission.get("version") != 2:
         faults.add("mission.version", mission.get("version", "missing"), "2")
     home = _home(mission.get("plannedHomePosition"), faults)
-    items = _Items(faults)
+    items = _ItemReader(faults)
     items.read(mission.get("items", "missing"))
     faults.raise_any()
     return Mission(
@@ -80,10 +80,10 @@ def parse_plan(text: str, name: str) -> Mission:
 
 
 def format_plan(mission: Mission) -> str:
-    """`mission` as a plan that QGroundControl and `parse_plan` read; complex items are written out as simple ones.
+    """Format `mission` as a plan that QGroundControl and `parse_plan` read; complex items are written as simple ones.
 
-    Fence, rally points and settings are kept; a mission with none gets `DEFAULT_SETTINGS`. QGroundControl
-    insists on a home: `InputError` if `mission.home` is `None`.
+    Fence, rally points and settings are kept; a mission without settings gets `DEFAULT_SETTINGS`. QGroundControl
+    requires a home position: raises `InputError` if `mission.home` is `None`.
     """
     if mission.home is None:
         raise InputError.one(
@@ -120,8 +120,8 @@ def _simple(sequence: int, item: MissionItem) -> dict[str, object]:
     }
 
 
-class _Items:
-    """Reads `mission.items` into a flat list, then settles who jumps where."""
+class _ItemReader:
+    """Reads `mission.items` into a flat list, then resolves the targets of jumps."""
 
     def __init__(self, faults: Faults) -> None:
         self.faults = faults
@@ -173,14 +173,14 @@ class _Items:
     def _simple_item(self, entry: dict[str, object], where: str, targets: dict[int, list[int]]) -> None:
         faults = self.faults
         before = faults.total
-        frame = _whole(entry, "frame", where, 255, faults)
-        command = _whole(entry, "command", where, 65_535, faults)
+        frame = _integer(entry, "frame", where, 255, faults)
+        command = _integer(entry, "command", where, 65_535, faults)
         if frame is not None and frame not in FRAMES:
             faults.add(f"{where}.frame", frame, frame_hint())
         go_on = entry.get("autoContinue", "missing")
         if not isinstance(go_on, bool):
             faults.add(f"{where}.autoContinue", go_on, "true or false")
-        jump_id = _whole(entry, "doJumpId", where, 2**31 - 1, faults) if "doJumpId" in entry else None
+        jump_id = _integer(entry, "doJumpId", where, 2**31 - 1, faults) if "doJumpId" in entry else None
         values = _values(entry.get("params", "missing"), f"{where}.params", faults)
         if faults.total > before or frame is None or command is None:
             return
@@ -195,7 +195,9 @@ class _Items:
             self._jumps.append((len(self.done) - 1, f"{where}.params[0]"))
 
     def _resolve_jumps(self) -> None:
-        """As QGroundControl: a DO_JUMP names the doJumpId of an item; a top-level one goes before an embedded one."""
+        """Resolve as QGroundControl does: a DO_JUMP names the doJumpId of an item; top-level items precede embedded
+        ones.
+        """
         for index, where in self._jumps:
             item = self.done[index]
             wanted = int(item.param1) if item.param1.is_integer() else None
@@ -209,7 +211,7 @@ class _Items:
 
 
 def _load(text: str, name: str) -> dict[str, object]:
-    """The JSON object in `text`: no deeper than `MAX_DEPTH`, all numbers finite."""
+    """The JSON object in `text`: nested no deeper than `MAX_DEPTH`, all numbers finite."""
     try:
         document = json.loads(text, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
@@ -217,7 +219,7 @@ def _load(text: str, name: str) -> dict[str, object]:
         near = error.doc[max(error.pos - 10, 0) : error.pos + 10]
         raise InputError.one(name, where, f"{error.msg} at {near!r}", "JSON") from error
     except RecursionError:
-        raise InputError.one(name, "file", "brackets nested without end", f"at most {MAX_DEPTH} levels") from None
+        raise InputError.one(name, "file", "brackets nested too deeply", f"at most {MAX_DEPTH} levels") from None
     except ValueError as error:  # a constant JSON does not know, an integer of thousands of digits
         raise InputError.one(name, "file", str(error), "JSON with finite numbers, null for none") from error
     if not isinstance(document, dict):
@@ -233,11 +235,11 @@ def _load(text: str, name: str) -> dict[str, object]:
 
 
 _Link: TypeAlias = "tuple[_Link, str | int] | None"
-"""Where a value stands: its parent's link and its key there. Spelt out only for faults, as keys may be huge."""
+"""The position of a value: its parent's link and its key there. Formatted only for errors, since keys may be huge."""
 
 
 def _walk(document: dict[str, object]) -> Iterator[tuple[_Link, object, int]]:
-    """Every value with its place and depth, parents first; bounding the depth is for the caller."""
+    """Every value with its position and depth, parents first; the caller bounds the depth."""
     stack: list[tuple[_Link, object, int]] = [(None, document, 0)]
     while stack:
         link, value, depth = stack.pop()
@@ -249,7 +251,7 @@ def _walk(document: dict[str, object]) -> Iterator[tuple[_Link, object, int]]:
 
 
 def _path(link: _Link) -> str:
-    """`geoFence.polygons[0]`, keys cut at 40 characters."""
+    """Text of a position such as `geoFence.polygons[0]`, with keys cut at 40 characters."""
     steps = []
     while link is not None:
         link, key = link
@@ -258,7 +260,7 @@ def _path(link: _Link) -> str:
 
 
 def _refuse_constant(constant: str) -> NoReturn:
-    raise ValueError(f"{constant} is no JSON number")
+    raise ValueError(f"{constant} is not a JSON number")
 
 
 def _optional_object(plan: dict[str, object], key: str, faults: Faults) -> dict[str, object] | None:
@@ -270,7 +272,7 @@ def _optional_object(plan: dict[str, object], key: str, faults: Faults) -> dict[
 
 
 def _home(value: object, faults: Faults) -> tuple[float, float, float] | None:
-    """Planned home; a plan without one is read all the same, though QGroundControl would refuse it."""
+    """The planned home. A plan without one is accepted, although QGroundControl would refuse it."""
     if value is None:
         return None
     where = "mission.plannedHomePosition"
@@ -300,7 +302,7 @@ def _values(params: object, where: str, faults: Faults) -> list[float]:
 
 
 def _number(value: object) -> float | None:
-    """A JSON number as a float; `None` for anything else and for what no float can hold."""
+    """A JSON number as a float; `None` for anything else and for numbers beyond the range of a float."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -309,8 +311,8 @@ def _number(value: object) -> float | None:
         return None
 
 
-def _whole(entry: dict[str, object], key: str, where: str, highest: int, faults: Faults) -> int | None:
-    """A whole number in 0…highest (JSON may write it 16.0), else a fault and `None`."""
+def _integer(entry: dict[str, object], key: str, where: str, highest: int, faults: Faults) -> int | None:
+    """An integer in 0…highest (JSON may write it 16.0); otherwise adds a problem and returns `None`."""
     number = _number(entry.get(key))
     if number is None or not number.is_integer() or not 0 <= number <= highest:
         faults.add(f"{where}.{key}", entry.get(key, "missing"), f"a whole number in 0…{highest}")

@@ -1,8 +1,8 @@
-"""How is a mission written as plain text, `QGC WPL 110`?
+"""Plain-text mission files in the format `QGC WPL 110`: reading and writing.
 
-The format of https://mavlink.io/en/file_formats/ ("Mission Plain-Text File Format"): a header line,
-then twelve columns per item. As ArduPilot and Mission Planner write it, item 0 is home. Columns may
-be parted by tabs or spaces; blank lines and lines starting with `#` are skipped, as pymavlink does.
+The format of https://mavlink.io/en/file_formats/ ("Mission Plain-Text File Format"): a header line, then twelve
+columns per item. As ArduPilot and Mission Planner write it, item 0 is home. Columns may be separated by tabs or
+spaces; blank lines and lines starting with `#` are skipped, as pymavlink does.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ _NUMBER = re.compile(r"[+-]?([0-9]{1,400}(\.[0-9]{0,400})?|\.[0-9]{1,400})([eE][
 
 
 def parse_waypoints(text: str, name: str) -> Mission:
-    """The mission in `text`; `name` (a file's) is blamed in errors.
+    """Parse the mission in `text`; `name` is the file's name in errors.
 
-    `nan` may stand in parameters 1 to 4. Raises `InputError` with line, column, value and expectation
-    of everything wrong. A home of 0, 0 is none.
+    `nan` is permitted in parameters 1 to 4. A home of 0, 0 counts as none. Raises `InputError` with line, column,
+    value and expectation of everything wrong.
     """
     faults = Faults(name)
     lines = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1)]
@@ -71,9 +71,10 @@ def parse_waypoints(text: str, name: str) -> Mission:
 
 
 def format_waypoints(mission: Mission) -> str:
-    """`mission` as text that `parse_waypoints` reads back alike; fence, rally and settings have no place in it.
+    """Format `mission` as text from which `parse_waypoints` reads the same items; fence, rally points and settings are
+    lost.
 
-    Home becomes item 0, all zeros where there is none.
+    Home becomes item 0, all zeros if there is none.
     """
     home = mission.home or (0.0, 0.0, 0.0)
     first = MissionItem(dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_NAV_WAYPOINT, 0.0, 0.0, 0.0, 0.0, *home)
@@ -92,7 +93,7 @@ def format_waypoints(mission: Mission) -> str:
 
 
 def _item(index: int, line_number: int, line: str, faults: Faults) -> MissionItem | None:
-    """The item of one line, `None` and some faults if anything is wrong with it."""
+    """The item of one line, or `None` and some problems."""
     before = faults.total
     cells = line.split()
     if len(cells) != len(COLUMNS):
@@ -122,7 +123,9 @@ def _item(index: int, line_number: int, line: str, faults: Faults) -> MissionIte
 
 
 def _check_home(home: MissionItem, line_number: int, faults: Faults) -> None:
-    """Mission Planner writes home with command 0; anything but a waypoint would be flown by nobody."""
+    """Check that item 0 is a position: Mission Planner writes home with command 0; any other command would never be
+    flown.
+    """
     if home.command not in (0, dialect.MAV_CMD_NAV_WAYPOINT) or home.frame not in GLOBAL_FRAMES:
         faults.add(
             f"line {line_number}",

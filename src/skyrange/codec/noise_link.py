@@ -1,7 +1,8 @@
-"""How does a jammer tell its radio to make noise? One burst a payload, on the `rid_up` link of its node.
+"""Noise burst requests: the messages by which a jammer orders its radio to transmit noise, on its node's `rid_up`
+link.
 
-24 bytes, little-endian. A jammer's program and its radio are two things, as everywhere; a burst ends by itself, so a
-program that is silenced leaves the air clean.
+24 bytes, little-endian, one burst per payload. A jammer's program and its radio are two components, as everywhere. A
+burst ends by itself, so a jammer that is muted stops transmitting.
 
 | bytes | field | meaning |
 |---|---|---|
@@ -27,7 +28,7 @@ SIZE: Final = _BURST.size
 
 
 class Burst(NamedTuple):
-    """Noise of `duration_us` from the moment at which it is received by the radio."""
+    """Noise for `duration_us`, starting when the radio receives the request."""
 
     power_cdbm: int
     centre_khz: int
@@ -37,7 +38,7 @@ class Burst(NamedTuple):
 
 
 def pack(burst: Burst) -> bytes:
-    """The payload; `ValueError` where a field does not fit its bytes, or there is no bandwidth."""
+    """Encode a request; raises `ValueError` if a field does not fit its bytes or the bandwidth is 0."""
     if burst.bandwidth_khz <= 0:
         raise ValueError(f"bandwidth of {burst.bandwidth_khz} kHz, expected more than 0")
     try:
@@ -47,7 +48,7 @@ def pack(burst: Burst) -> bytes:
 
 
 def unpack(payload: bytes) -> Burst:
-    """What `pack` was given, or `DecodeError`."""
+    """Decode a request; raises `DecodeError` for anything that `pack` does not produce."""
     if len(payload) != SIZE:
         raise DecodeError(f"{len(payload)} bytes, a burst of noise has {SIZE}")
     magic, _, *fields = _BURST.unpack(payload)

@@ -1,4 +1,4 @@
-"""How are a fleet's frames numbered? One rolling sequence number per aircraft, for frames made singly and in bulk."""
+"""Sequence numbers of a fleet's MAVLink frames: one rolling number per aircraft, shared by single and batch packing."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from skyrange.core.compiled import kernel
 
 
 class RowPacker(Packer):
-    """A `Packer` whose sequence number is one row of an array that all of a fleet share."""
+    """A `Packer` whose sequence number is one element of an array that the whole fleet shares."""
 
     __slots__ = ("_row", "sequences")
 
     sequences: Ints
-    """(n,) the next numbers of the whole fleet."""
+    """(n,) the next sequence number of each aircraft."""
 
     def __init__(self, system: int, component: int, sequences: Ints, row: int) -> None:
         self.sequences = sequences
@@ -22,7 +22,7 @@ class RowPacker(Packer):
 
     @property
     def sequence(self) -> int:
-        """The number of the next frame."""
+        """The sequence number of the next frame."""
         return int(self.sequences[self._row])
 
     @sequence.setter
@@ -32,7 +32,7 @@ class RowPacker(Packer):
 
 @kernel
 def number(rows: Ints, sequences: Ints, out: Ints) -> None:
-    """Number frames in the order given: `rows` names the aircraft of each; `sequences` moves on."""
+    """Assign sequence numbers to frames in the order given: `rows` names the aircraft of each; advances `sequences`."""
     for place in range(rows.shape[0]):
         row = rows[place]
         out[place] = sequences[row]

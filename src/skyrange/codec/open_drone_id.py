@@ -1,9 +1,9 @@
-"""How does MAVLink say what F3411 says? `OPEN_DRONE_ID_*` messages ↔ values of `codec.f3411`.
+"""Conversion between MAVLink `OPEN_DRONE_ID_*` messages and the values of `codec.f3411`.
 
-Units and unknown values as in MAVLink's common.xml (messages 12900…12905, 12915, 12919): centidegrees, cm/s, degrees
-times 1e7, metres; unknown are 36100 cdeg, 25500 cm/s, 6300 cm/s vertical, −1000 m, latitude and longitude both 0,
-timestamp 65535. The altitudes `altitude_geodetic` and `operator_altitude_geo` are heights above the WGS 84 ellipsoid
-here too, other than MAVLink's usual `alt`; `core.geodesy.Origin` converts.
+Units and unknown values are those of MAVLink's common.xml (messages 12900…12905, 12915, 12919): centidegrees, cm/s,
+degrees times 1e7, metres; unknown are 36100 cdeg, 25500 cm/s, 6300 cm/s vertical, −1000 m, latitude and longitude both
+0, timestamp 65535. Unlike MAVLink's usual `alt`, the altitudes `altitude_geodetic` and `operator_altitude_geo` are
+heights above the WGS 84 ellipsoid; `core.geodesy.Origin` converts.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ ALTITUDE_UNKNOWN_M: Final = -1000.0
 TIME_UNKNOWN_S: Final = 65_535.0
 PACK_BYTES: Final = 225
 BROADCAST: Final = (0, 0)
-"""Target system and component: everyone."""
+"""Target system and component: all."""
 
 
 def to_mavlink(message: RidMessage, *, target: tuple[int, int] = BROADCAST, id_or_mac: bytes = bytes(20)) -> Message:
-    """The MAVLink message that says `message`; `ValueError` where it has none (`f3411.Reserved`).
+    """The MAVLink message equivalent to `message`; raises `ValueError` if there is none (`f3411.Reserved`).
 
-    `id_or_mac` (20 bytes) names the other aircraft that a broadcast was received from; zeros for the own one. The
+    `id_or_mac` (20 bytes) names the other aircraft that a broadcast was received from; zeros mean this aircraft. The
     protocol version is not carried. Speeds saturate as in F3411.
     """
     who = (*target, list(id_or_mac))
@@ -81,23 +81,23 @@ def to_mavlink(message: RidMessage, *, target: tuple[int, int] = BROADCAST, id_o
     if isinstance(message, MessagePack):
         bodies = b"".join(encode(part) for part in message.messages).ljust(PACK_BYTES, b"\0")
         return dialect.MAVLink_open_drone_id_message_pack_message(*who, SIZE, len(message.messages), list(bodies))
-    raise ValueError(f"{message}: no MAVLink message says this")
+    raise ValueError(f"{message}: no MAVLink message is equivalent")
 
 
 def from_mavlink(message: Message) -> RidMessage:
-    """What an `OPEN_DRONE_ID_*` message says; `DecodeError` for any other and for a pack that contradicts itself.
+    """The F3411 message equivalent to an `OPEN_DRONE_ID_*` message.
 
-    Numbers F3411 has no room for (a status of 200) come out as they are, and `f3411.faults` names them; one that is
-    no number counts as unknown.
+    Raises `DecodeError` for any other message and for an inconsistent pack. Values outside F3411's range (a status of
+    200) are kept, and `f3411.faults` names them; a field that is not a number becomes unknown.
     """
     reader = _READERS.get(type(message).id)
     if reader is None:
-        raise DecodeError(f"{type(message).msgname} is no message of Open Drone ID")
+        raise DecodeError(f"{type(message).msgname} is not an Open Drone ID message")
     return reader(message)
 
 
 def updated(system: System, message: Message) -> System:
-    """`system` with the newer place and time of an OPEN_DRONE_ID_SYSTEM_UPDATE."""
+    """`system` with the newer position and time of an OPEN_DRONE_ID_SYSTEM_UPDATE."""
     lat_deg, lon_deg = values.decode_place(message.operator_latitude, message.operator_longitude)
     return system._replace(
         operator_lat_deg=lat_deg,
@@ -140,7 +140,7 @@ def _known(number: float, unknown: float, scale: float = 1.0) -> float | None:
 
 
 def _text(field: Sequence[int] | bytes | str) -> str:
-    """A text field, which pymavlink keeps as `str` or `bytes`, or as numbers where common.xml says `uint8_t`."""
+    """A text field, which pymavlink keeps as `str` or `bytes`, or as numbers where common.xml declares `uint8_t`."""
     if isinstance(field, str):
         return field.rstrip("\0")
     return bytes(field).rstrip(b"\0").decode("latin-1")

@@ -1,7 +1,7 @@
-"""What do many OPEN_DRONE_ID_LOCATION say? MAVLink tables to the columns that F3411's Locations are written from.
+"""Batch conversion of OPEN_DRONE_ID_LOCATION: MAVLink tables to the columns from which F3411 Locations are encoded.
 
-The same as `codec.open_drone_id.from_mavlink`, one by one, but that a number without bytes in F3411 (a track of 400°,
-a status of 200) counts as unknown: what an autopilot says must not stop its transmitter.
+Gives the same results as `codec.open_drone_id.from_mavlink` does one by one, except that a number that F3411 cannot
+encode (a track of 400°, a status of 200) becomes unknown: a bad value from an autopilot must not stop its transmitter.
 """
 
 from __future__ import annotations
@@ -26,40 +26,40 @@ _CODES: Final = (
     "status", "height_reference", "horizontal_accuracy", "vertical_accuracy", "barometer_accuracy", "speed_accuracy",
     "timestamp_accuracy",
 )  # fmt: skip
-"""MAVLink's names of `CODES`, in their order."""
-_MOST: Final = np.array([15, 1, 15, 15, 15, 15, 15])
-_TRACK_MOST_CDEG: Final = 36_000
-_TIME_MOST_S: Final = (values.TIME_UNKNOWN - 1) / values.TIME_STEPS_PER_S
+"""MAVLink's names of `CODES`, in the same order."""
+_MAX_CODES: Final = np.array([15, 1, 15, 15, 15, 15, 15])
+_TRACK_MAX_CDEG: Final = 36_000
+_TIME_MAX_S: Final = (values.TIME_UNKNOWN - 1) / values.TIME_STEPS_PER_S
 
 
-def location_columns(said: Table) -> tuple[Floats, Codes]:
+def location_columns(table: Table) -> tuple[Floats, Codes]:
     """(9, n) numbers and (7, n) codes as `f3411_columns.encode_locations` takes them; NaN is unknown.
 
-    `said` (n,): rows of `columns.dtype_of` OPEN_DRONE_ID_LOCATION.
+    `table` (n,): rows of `columns.dtype_of` OPEN_DRONE_ID_LOCATION.
     """
-    numbers, codes = np.empty((len(NUMBERS), len(said))), np.empty((len(CODES), len(said)), dtype=np.uint8)
-    placed = (said["latitude"] != 0) | (said["longitude"] != 0)
-    numbers[0] = _known(said["latitude"] / values.DEGREES, placed)
-    numbers[1] = _known(said["longitude"] / values.DEGREES, placed)
+    numbers, codes = np.empty((len(NUMBERS), len(table))), np.empty((len(CODES), len(table)), dtype=np.uint8)
+    placed = (table["latitude"] != 0) | (table["longitude"] != 0)
+    numbers[0] = _known(table["latitude"] / values.DEGREES, placed)
+    numbers[1] = _known(table["longitude"] / values.DEGREES, placed)
     for row, name in enumerate(_ALTITUDES, start=2):
-        metres = _wide(said[name])
+        metres = _as_float64(table[name])
         numbers[row] = _known(metres, np.isfinite(metres) & (metres != ALTITUDE_UNKNOWN_M))
     for row, name, unknown in (
         (5, "speed_horizontal", SPEED_UNKNOWN_CMPS),
         (6, "speed_vertical", VERTICAL_UNKNOWN_CMPS),
         (7, "direction", TRACK_UNKNOWN_CDEG),
     ):
-        numbers[row] = _known(said[name] / 100.0, said[name] != unknown)
-    numbers[7, said["direction"] > _TRACK_MOST_CDEG] = np.nan
-    seconds = _wide(said["timestamp"])
-    numbers[8] = _known(seconds, (seconds >= 0.0) & (seconds <= _TIME_MOST_S))
+        numbers[row] = _known(table[name] / 100.0, table[name] != unknown)
+    numbers[7, table["direction"] > _TRACK_MAX_CDEG] = np.nan
+    seconds = _as_float64(table["timestamp"])
+    numbers[8] = _known(seconds, (seconds >= 0.0) & (seconds <= _TIME_MAX_S))
     for row, name in enumerate(_CODES):
-        codes[row] = np.where(said[name] <= _MOST[row], said[name], 0)
+        codes[row] = np.where(table[name] <= _MAX_CODES[row], table[name], 0)
     return numbers, codes
 
 
-def _wide(numbers: NDArray[np.float32]) -> Floats:
-    with np.errstate(invalid="ignore"):  # some bytes are no number, and signal it
+def _as_float64(numbers: NDArray[np.float32]) -> Floats:
+    with np.errstate(invalid="ignore"):  # some bytes are a signalling NaN
         return numbers.astype(np.float64)
 
 

@@ -1,8 +1,8 @@
-"""How is a capture file written? Blocks of pcapng, and the radio headers that go before a packet.
+"""pcapng capture files: blocks, and the radio headers that precede a packet.
 
 Sources: IETF draft-ietf-opsawg-pcapng (section header, interface description and enhanced packet blocks, in the
 writer's byte order, here little-endian); radiotap.org (802.11, link type 127); tcpdump.org,
-LINKTYPE_BLUETOOTH_LE_LL_WITH_PHDR (link type 256). Functions give bytes; putting them in a file is the caller's.
+LINKTYPE_BLUETOOTH_LE_LL_WITH_PHDR (link type 256). Functions return bytes; the caller writes the file.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ RADIOTAP: Final = 127
 BLE_PHDR: Final = 256
 """Link type: a 10-byte radio header, then a Bluetooth LE packet from its access address on."""
 IPV4: Final = 228
-"""Link type: an IPv4 datagram (`codec.datagrams`) without anything before it."""
+"""Link type: an IPv4 datagram (`codec.datagrams`) without a link-layer header."""
 
 _BYTE_ORDER: Final = 0x1A2B3C4D
 _SECTION: Final = 0x0A0D0D0A
@@ -58,19 +58,21 @@ def _option(code: int, value: bytes) -> bytes:
 
 
 def head(interfaces: Iterable[tuple[str, int]] = ()) -> bytes:
-    """A file's beginning: its section, and its first interfaces (name, link type), numbered from 0."""
+    """The beginning of a file: the section header, and the first interfaces (name, link type), numbered from 0."""
     section = _block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1))
     return section + b"".join(interface(name, link_type) for name, link_type in interfaces)
 
 
 def interface(name: str, link_type: int) -> bytes:
-    """The next interface, by its order in the file; packets refer to it from then on. Their times count ns."""
+    """The block of the next interface; packets refer to it by its order in the file. Its timestamps
+    count nanoseconds.
+    """
     options = _option(_NAME, name.encode()) + _option(_RESOLUTION, b"\x09") + _option(0, b"")
     return _block(_INTERFACE, struct.pack("<HHI", link_type, 0, 0) + options)
 
 
 def names(by_address: Mapping[int, str]) -> bytes:
-    """What IPv4 addresses are called, so that whoever reads the file shows names in their place."""
+    """A name resolution block for IPv4 addresses, so that readers of the file show names instead of addresses."""
     rows = [
         _option(_NAME_OF_IPV4, address.to_bytes(4, "big") + name.encode() + b"\0")
         for address, name in by_address.items()
@@ -97,7 +99,7 @@ def wifi_frequency_mhz(channel: int) -> int:
 
 
 def radiotap(channel: int, rate_mbps: float, signal_dbm: float | None) -> bytes:
-    """The header before an 802.11 frame with its FCS; the signal in whole dB, as the format has it."""
+    """The radiotap header before an 802.11 frame with its FCS; the signal in whole dB, as the format requires."""
     flags = _OFDM_5 if channel > 14 else _OFDM_2_4
     fields = struct.pack("<BBHH", _FCS_AT_END, round(rate_mbps * 2), wifi_frequency_mhz(channel), flags)
     if signal_dbm is None:

@@ -1,6 +1,6 @@
-"""Which packet does a capture show for a Remote ID reception? The frame as it was in the air, under its radio header.
+"""Capture packets of Remote ID receptions: the 802.11 or BLE frame as transmitted, after its radio header.
 
-A receiver has two interfaces in such a capture, Wi-Fi and then Bluetooth LE: `INTERFACES`, numbered on from its first.
+Each receiver has two interfaces in a capture, Wi-Fi and then Bluetooth LE: `INTERFACES`, numbered on from its first.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from skyrange.codec.rid_link import NO_RSSI, RidFrame, RidHeader, Transport
 
 INTERFACES: Final = (("wifi", pcapng.RADIOTAP), ("ble", pcapng.BLE_PHDR))
 WIFI_RATE_MBPS: Final = 6.0
-"""OFDM's lowest, at which Beacons and NAN frames announce themselves (`wifi.RATES`)."""
+"""OFDM's lowest rate, which Beacons and NAN frames announce (`wifi.RATES`)."""
 _WIFI: Final = frozenset((Transport.WIFI_BEACON, Transport.WIFI_NAN))
 
 
 def packet(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0) -> bytes:
-    """The pcapng block of a broadcast that was received, at `start_utc_ns` (Unix time of range time 0) plus its time.
+    """The pcapng block of a received broadcast, at `start_utc_ns` (Unix time of range time 0) plus its reception time.
 
     `first` is the number of its receiver's first interface. The header's channel must be known (not
-    `rid_link.ANY_CHANNEL`). `ValueError` where the transport's frame cannot hold the body, as of a message pack in a
-    Bluetooth 4 advertisement, or where there is no such channel.
+    `rid_link.ANY_CHANNEL`). Raises `ValueError` if the transport's frame cannot hold the body, such as a message pack
+    in a Bluetooth 4 advertisement, or if the channel does not exist.
     """
     header = frame.header
     signal_dbm = None if header.rssi_cdbm == NO_RSSI else header.rssi_cdbm / 100
-    sent = _in_the_air(header.transport, header.counter, header.address, header.time_ns, frame.body)
+    sent = _radio_frame(header.transport, header.counter, header.address, header.time_ns, frame.body)
     if header.transport in _WIFI:
         radio = pcapng.radiotap(header.channel, WIFI_RATE_MBPS, signal_dbm)
     else:
@@ -37,8 +37,8 @@ def packet(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0
 
 
 @lru_cache(maxsize=1024)
-def _in_the_air(transport: int, counter: int, address: bytes, time_ns: int, body: bytes) -> bytes:
-    """Kept for a while, since all receivers of one transmission follow each other."""
+def _radio_frame(transport: int, counter: int, address: bytes, time_ns: int, body: bytes) -> bytes:
+    """Cached, because all receivers of one transmission follow each other."""
     frame = RidFrame(RidHeader(transport, counter=counter, address=address, time_ns=time_ns), body)
     match Transport(transport):
         case Transport.WIFI_BEACON:

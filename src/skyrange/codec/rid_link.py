@@ -1,4 +1,4 @@
-"""How does a Remote ID broadcast travel on the links `rid_up` and `rid_down`? A fixed header, then one F3411 body.
+"""Payload format of the links `rid_up` and `rid_down`: a fixed header, then one F3411 body.
 
 The header is 24 bytes, little-endian:
 
@@ -6,16 +6,16 @@ The header is 24 bytes, little-endian:
 |---|---|---|
 | 0 | magic | 0x1D |
 | 1 | transport | `Transport` |
-| 2 | channel | Wi-Fi channel number or BLE channel index 0…39; 0xFF leaves it to the medium (`rid_up`) |
+| 2 | channel | Wi-Fi channel number or BLE channel index 0…39; 0xFF lets the medium choose (`rid_up`) |
 | 3 | counter | the advertiser's message counter (F3411) |
 | 4–9 | address | MAC or advertiser address, as claimed |
 | 10–11 | rssi | signal strength in 0.01 dBm, signed; −32768 is none (`rid_up`) |
 | 12–13 | size | bytes of the body |
 | 14–15 | reserved | 0 |
-| 16–23 | time | ns of range time, signed: the message made (`rid_up`), the reception's end (`rid_down`) |
+| 16–23 | time | ns of range time, signed: when the message was made (`rid_up`), or the reception's end (`rid_down`) |
 
-The body is a message of 25 bytes or a message pack; `codec.f3411` reads it. 802.11 and BLE framing are made at the
-medium's edge (`codec.wifi`, `codec.ble`).
+The body is a message of 25 bytes or a message pack; `codec.f3411` decodes it. 802.11 and BLE framing are made at the
+edge of the medium (`codec.wifi`, `codec.ble`).
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from skyrange.core.errors import DecodeError
 MAGIC: Final = 0x1D
 HEADER: Final = 24
 ANY_CHANNEL: Final = 0xFF
-"""The sender leaves the channel to the medium."""
+"""The medium chooses the channel."""
 NO_RSSI: Final = -32768
-"""No signal strength: nothing was received yet."""
+"""No signal strength: the payload was not received over the air."""
 
 _HEADER: Final = struct.Struct("<BBBB6shHHq")
 _ROW: Final = np.dtype(
@@ -49,7 +49,7 @@ assert _ROW.itemsize == _HEADER.size == HEADER
 
 
 class Transport(IntEnum):
-    """How a broadcast is carried over the air (F3411-22a, broadcast methods)."""
+    """The radio technology of a broadcast (F3411-22a, broadcast methods)."""
 
     BT4 = 1
     """Bluetooth 4 legacy advertising: one message per advertisement."""
@@ -64,7 +64,7 @@ _LAST: Final = int(max(Transport))
 
 
 class RidHeader(NamedTuple):
-    """The header's fields, in its units."""
+    """The fields of the header, in the units of the format."""
 
     transport: int
     channel: int = ANY_CHANNEL
@@ -82,7 +82,7 @@ class RidFrame(NamedTuple):
 
 
 def pack(header: RidHeader, body: bytes) -> bytes:
-    """The payload of one broadcast; `ValueError` where a field does not fit its bytes or the transport is unknown."""
+    """Encode one broadcast; raises `ValueError` if a field does not fit its bytes or the transport is unknown."""
     transport = Transport(header.transport)
     if len(header.address) != 6:
         raise ValueError(f"address of {len(header.address)} bytes, expected 6")
@@ -97,7 +97,7 @@ def pack(header: RidHeader, body: bytes) -> bytes:
 
 
 def unpack(payload: bytes) -> RidFrame:
-    """What `pack` was given, or `DecodeError`; the body is not looked into."""
+    """Decode one broadcast, but not its body; raises `DecodeError` for anything that `pack` does not produce."""
     if len(payload) < HEADER:
         raise DecodeError(f"{len(payload)} bytes, a broadcast on rid_up or rid_down has at least {HEADER}")
     magic, transport, channel, counter, address, rssi_cdbm, size, _, time_ns = _HEADER.unpack_from(payload)
@@ -123,11 +123,11 @@ class RidColumns(NamedTuple):
     rssi_cdbm: NDArray[np.int16]
     time_ns: Ints
     bodies: Payloads
-    """n bodies in the payloads' own buffer, empty where not good."""
+    """n bodies in the payloads' own buffer, empty where `good` is false."""
 
 
 @kernel
-def _lay(heads: Bytes, data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
+def _write_frames(heads: Bytes, data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
     """Copy row i of `heads` (n*24 bytes) and then body i to `places[i]` of `out`."""
     for row in range(starts.shape[0]):
         at = places[row]
@@ -142,7 +142,9 @@ def pack_rows(
     transport: ArrayLike, channel: ArrayLike, counter: ArrayLike, address: ArrayLike, rssi_cdbm: ArrayLike,
     time_ns: ArrayLike, bodies: Payloads,
 ) -> Payloads:  # fmt: skip
-    """`pack` for every body; the others are one value, or one per body ((n, 6) uint8 for `address`)."""
+    """`pack` for many bodies; each other argument is one value for all, or one per body ((n, 6)
+    uint8 for `address`).
+    """
     count = len(bodies)
     heads = np.zeros(count, dtype=_ROW)
     heads["magic"] = MAGIC
@@ -156,13 +158,13 @@ def pack_rows(
     sizes = bodies.sizes + HEADER
     places = np.cumsum(sizes) - sizes
     out = np.empty(int(sizes.sum()), dtype=np.uint8)
-    _lay(heads.view(np.uint8), bodies.data, bodies.starts, bodies.sizes, out, places)
+    _write_frames(heads.view(np.uint8), bodies.data, bodies.starts, bodies.sizes, out, places)
     return Payloads(out, places, sizes)
 
 
 @kernel
-def _heads(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, good: NDArray[np.bool_], bodies: Ints) -> None:
-    """Copy the headers that are good (n, 24), and tell (2, n) where the bodies begin and how long they are."""
+def _read_headers(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, good: NDArray[np.bool_], bodies: Ints) -> None:
+    """Copy the headers that are good (n, 24), and write (2, n) the starts and sizes of the bodies."""
     for row in range(starts.shape[0]):
         at, size = starts[row], sizes[row]
         good[row] = (
@@ -177,11 +179,11 @@ def _heads(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, good: NDArray[n
 
 
 def read_rows(payloads: Payloads) -> RidColumns:
-    """`unpack` for every payload; a bad one is marked, and the others are not held up."""
+    """`unpack` for many payloads; a malformed one is marked in `good` and does not affect the others."""
     count = len(payloads)
     heads, good = np.empty((count, HEADER), dtype=np.uint8), np.empty(count, dtype=np.bool_)
     bodies = np.empty((2, count), dtype=np.int64)
-    _heads(payloads.data, payloads.starts, payloads.sizes, heads, good, bodies)
+    _read_headers(payloads.data, payloads.starts, payloads.sizes, heads, good, bodies)
     rows: NDArray[Any] = heads.view(_ROW)[:, 0]
     return RidColumns(
         good, rows["transport"], rows["channel"], rows["counter"], rows["address"], rows["rssi_cdbm"],

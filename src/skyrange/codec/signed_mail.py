@@ -1,6 +1,6 @@
-"""How does an agent sign what it sends, and refuse what nobody signed? Its boxes, looked through before and after.
+"""Signed MAVLink connections of an agent: received frames are verified and sent frames are signed.
 
-Only the connections that have a key are touched: what goes over the agent's other ports passes as it is.
+Only connections that have a key are affected; frames on the agent's other ports pass unchanged.
 """
 
 from __future__ import annotations
@@ -23,68 +23,71 @@ _REASONS: Final = tuple(Refusal)
 
 
 class Connection(NamedTuple):
-    """One that is signed: whose it is, its key, and the ports over which its end hears and speaks."""
+    """A signed connection: its aircraft, its key, and the ports on which the agent receives and sends."""
 
     about: str
-    """The aircraft, for notes."""
+    """The aircraft that notes name."""
     key: SigningKey
     hears: Port
     speaks: Port
 
 
 class SignedMail:
-    """The signing of all connections of one agent. Deep-copyable."""
+    """Signs and verifies the frames of all signed connections of one agent. Deep-copyable."""
 
     def __init__(self, ports: Sequence[Port], connections: Sequence[Connection], link: int, note: str) -> None:
-        """`ports` are the agent's; `link` is the link id that its frames carry; `note` the kind that tells refusals."""
+        """`ports` are the agent's; `link` is the link id in its signatures; `note` is the kind of the notes about
+        refusals.
+        """
         self._connections = tuple(connections)
         self._signers = [Signer(one.key, link) for one in connections]
         self._note = note
-        self._speaks = {one.speaks: number for number, one in enumerate(connections)}
-        hears = {one.hears: number for number, one in enumerate(connections)}
-        self._heard = np.array([hears.get(port, -1) for port in ports], dtype=np.int64)
-        self._said = np.array([self._speaks.get(port, -1) for port in ports], dtype=np.int64)
+        self._send_ports = {one.speaks: number for number, one in enumerate(connections)}
+        receiving = {one.hears: number for number, one in enumerate(connections)}
+        self._receive_index = np.array([receiving.get(port, -1) for port in ports], dtype=np.int64)
+        self._send_index = np.array([self._send_ports.get(port, -1) for port in ports], dtype=np.int64)
         self._counts = np.zeros((len(self._signers), len(_REASONS)), dtype=np.int64)
         self._started = False
 
     def start(self, now: Time, about: str | None = None) -> None:
-        """Switch on all connections, or those of one aircraft."""
+        """Start signing on all connections, or on those of one aircraft."""
         for one, signer in zip(self._connections, self._signers, strict=True):
             if about is None or one.about == about:
                 signer.start(now)
 
     @property
     def refused(self) -> int:
-        """Frames that were not believed."""
+        """Number of frames that failed verification."""
         return int(self._counts.sum())
 
     def open(self, now: Time, inbox: Inbox, mail: Columns, out: Outbox) -> Columns:
-        """The mail without what is not believed; refusals are counted, and noted at their 1st, 2nd, 4th, 8th …
+        """Return the received frames without those that fail verification.
 
-        What is no whole frame is left for the reader to count: a checksum stands before a signature.
+        Refused frames are counted, and the 1st, 2nd, 4th, 8th … of each reason are noted. A payload that is not a
+        whole frame is left for the reader to count: the checksum is checked before the signature.
         """
         self._begin(now)
-        rows = np.flatnonzero(self._heard[mail.places] >= 0)
+        rows = np.flatnonzero(self._receive_index[mail.places] >= 0)
         mine = mail.payloads.take(rows)
         keep = np.ones(len(mail.payloads), dtype=np.bool_)
-        numbers = self._heard[mail.places[rows]].tolist()
+        numbers = self._receive_index[mail.places[rows]].tolist()
         for row, number, kind, frame in zip(rows.tolist(), numbers, sort(mine).tolist(), mine, strict=True):
-            found = self._signers[number].refusal(frame) if kind >= 0 else self._refusal_of_other(number, frame)
+            found = self._signers[number].refusal(frame) if kind >= 0 else self._check_other(number, frame)
             if found is not None:
                 keep[row] = False
                 self._refuse(number, found, frame, inbox, mail.order.item(row), out)
         return mail if keep.all() else mail.take(np.flatnonzero(keep))
 
     def seal(self, now: Time, out: Outbox) -> None:
-        """Sign all that is sent over signed connections, in the order in which it leaves."""
+        """Sign all frames that are sent over signed connections, in the order in which they leave."""
         self._begin(now)
         for place, departure in enumerate(out.departures):
-            number = self._speaks.get(departure.port)
+            number = self._send_ports.get(departure.port)
             if number is not None:
                 frame = self._signers[number].sign(departure.payload)
                 out.departures[place] = Departure(departure.port, frame, departure.causes)
         for place, block in enumerate(out.blocks):
-            numbers = self._said[block.places]
+            numbers = self._send_index[block.places]
             if (numbers < 0).all():
                 continue
             frames = [
@@ -98,8 +101,8 @@ class SignedMail:
             self._started = True
             self.start(now)
 
-    def _refusal_of_other(self, number: int, frame: bytes) -> Refusal | None:
-        """A frame that no column holds: MAVLink 1, which is never signed, or no frame at all."""
+    def _check_other(self, number: int, frame: bytes) -> Refusal | None:
+        """Verify a payload that batch decoding rejected: MAVLink 1, which is never signed, or not a frame at all."""
         try:
             decode(frame)
         except DecodeError:

@@ -1,10 +1,10 @@
-"""Who made this MAVLink 2 frame? Message signing: the 13 bytes behind a frame, and the rules by which it is believed.
+"""MAVLink 2 message signing: the 13-byte signature of a frame, and the rules for accepting it.
 
 Sources: https://mavlink.io/en/guide/message_signing.html ("Frame Format", "Timestamp Handling", "Accepting Signed
 Packets", "Accepting Unsigned Packets"); MAVLink's C library, mavlink_helpers.h (`mavlink_sign_packet`,
 `mavlink_signature_check`), and ArduPilot's GCS_Signing.cpp (`accept_unsigned_callback`), which these rules follow.
 
-A model of the defence: its keys protect a simulated link and are no secrets.
+This is a model of the defence: its keys protect a simulated link and are not secrets.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ ZERO_UNIX_NS: Final = 1_420_070_400 * NS_PER_S
 """Timestamps count from 2015-01-01T00:00:00Z ("Timestamp Handling")."""
 UNIT_NS: Final[Time] = 10 * NS_PER_US
 LAST_TIMESTAMP: Final = 2**48 - 1
-"""48 bits, which last until 2104."""
+"""The largest 48-bit timestamp, reached in 2104."""
 BEHIND: Final = 6_000_000
-"""How far a new stream may be behind one's own timestamp: a minute ("Timestamp Handling", last rule)."""
+"""How far a new stream may lag behind the own timestamp: a minute ("Timestamp Handling", last rule)."""
 MAX_STREAMS: Final = 16
-"""MAVLINK_MAX_SIGNING_STREAMS: streams beyond are refused, so that memory is bounded."""
+"""MAVLINK_MAX_SIGNING_STREAMS: further streams are refused, which bounds memory."""
 ACCEPTED_UNSIGNED: Final = frozenset((int(dialect.MAVLINK_MSG_ID_RADIO_STATUS), int(dialect.MAVLINK_MSG_ID_RADIO)))
-"""What is believed of anybody: telemetry radios hold no key (GCS_Signing.cpp `accept_list`)."""
+"""Messages accepted without a signature: telemetry radios hold no key (GCS_Signing.cpp `accept_list`)."""
 _DIGEST: Final = 6
 _STAMP: Final = 6
 
 
 class Refusal(StrEnum):
-    """Why a frame is not believed."""
+    """Why a frame is refused."""
 
     UNSIGNED = "not signed"
     WRONG = "wrong signature"
@@ -46,7 +46,7 @@ class Refusal(StrEnum):
 
 
 class SigningKey(NamedTuple):
-    """What a component is paired with before the flight, as SETUP_SIGNING carries it."""
+    """The key with which a component is paired before the flight, as SETUP_SIGNING carries it."""
 
     secret: bytes
     """`KEY_BYTES` bytes."""
@@ -55,22 +55,24 @@ class SigningKey(NamedTuple):
 
 
 def secret_of(passphrase: str) -> bytes:
-    """The 32 bytes that ground stations make of a passphrase: its SHA-256 ("Secret Key Management")."""
+    """The 32 bytes that ground stations derive from a passphrase: its SHA-256 ("Secret Key Management")."""
     return sha256(passphrase.encode()).digest()
 
 
 def timestamp_of(unix_ns: int) -> int:
-    """The timestamp of a moment in UTC, in 10 µs since 2015, held inside its 48 bits."""
+    """The timestamp of a moment in UTC, in 10 µs since 2015, clipped to 48 bits."""
     return min(max(unix_ns - ZERO_UNIX_NS, 0) // UNIT_NS, LAST_TIMESTAMP)
 
 
 def is_signed(frame: bytes) -> bool:
-    """Whether a whole frame carries a signature, whatever that is worth."""
+    """Whether a whole frame carries a signature, valid or not."""
     return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
 
 
 def sign(frame: bytes, secret: bytes, link: int, timestamp: int) -> bytes:
-    """The signed form of an unsigned MAVLink 2 frame of the dialect: flag set, checksum made anew, 13 bytes added."""
+    """The signed form of an unsigned MAVLink 2 frame of the dialect: flag set, checksum recomputed,
+    13 bytes appended.
+    """
     end = HEADER_V2 + frame[1]
     number = frame[7] | frame[8] << 8 | frame[9] << 16
     covered = b"%c%c%c%b" % (frame[0], frame[1], SIGNED, frame[3:end])
@@ -80,29 +82,31 @@ def sign(frame: bytes, secret: bytes, link: int, timestamp: int) -> bytes:
 
 
 class Signer:
-    """One end of one connection: what it signs, and what of the other ends it believes. Deep-copyable.
+    """One end of a signed connection: signs what it sends and verifies what it receives. Deep-copyable.
 
-    As in the C library the timestamp is one number, which each frame sent raises by one, and each frame believed to
-    its own; time takes it further only at `start`.
+    As in the C library the timestamp is one number. Each frame sent increments it; each frame accepted raises it to
+    that frame's timestamp; the clock advances it only at `start`.
     """
 
     __slots__ = ("key", "link", "streams", "timestamp")
 
     def __init__(self, key: SigningKey, link: int) -> None:
-        """`link` 0…255 tells the connections of one component apart; `ValueError` for a key of another length."""
+        """`link` 0…255 distinguishes the connections of one component; raises `ValueError` for a key of the wrong
+        length.
+        """
         if len(key.secret) != KEY_BYTES:
             raise ValueError(f"a key of {len(key.secret)} bytes, MAVLink's have {KEY_BYTES}")
         self.key = key
         self.link = link
         self.timestamp = 0
         self.streams: dict[tuple[int, int, int], int] = {}
-        """(system, component, link) → the last timestamp believed."""
+        """(system, component, link) → the last timestamp accepted."""
 
     def start(self, now: Time) -> None:
-        """Switched on, or on again: streams are forgotten, and the timestamp is the clock's or the stored one.
+        """Start, or restart after a reboot: streams are forgotten, and the timestamp is the clock's or the stored one.
 
-        To what was stored a minute is added, so that no frame of before passes for one of a new stream
-        (GCS_Signing.cpp `load_signing_key`).
+        A minute is added to the stored timestamp, so that no frame from before the restart is accepted as one of a new
+        stream (GCS_Signing.cpp `load_signing_key`).
         """
         self.streams.clear()
         stored = self.timestamp + BEHIND if self.timestamp else 0
@@ -115,14 +119,15 @@ class Signer:
         return sign(frame, self.key.secret, self.link, timestamp)
 
     def refusal(self, frame: bytes) -> Refusal | None:
-        """Why a whole frame with a right checksum is not believed; what is believed is remembered.
+        """Why a whole frame with a correct checksum is refused, or `None`; remembers the timestamp of an accepted
+        frame.
 
         MAVLink 1 cannot be signed.
         """
-        found = self._judge(frame) if is_signed(frame) else Refusal.UNSIGNED
+        found = self._verify(frame) if is_signed(frame) else Refusal.UNSIGNED
         return None if found is not None and message_id(frame) in ACCEPTED_UNSIGNED else found
 
-    def _judge(self, frame: bytes) -> Refusal | None:
+    def _verify(self, frame: bytes) -> Refusal | None:
         if sha256(self.key.secret + frame[:-_DIGEST]).digest()[:_DIGEST] != frame[-_DIGEST:]:
             return Refusal.WRONG
         stream = (frame[5], frame[6], frame[-SIGNATURE])

@@ -1,10 +1,10 @@
-"""How does a Remote ID broadcast look as an 802.11 frame? Beacons with a vendor element, and NAN action frames.
+"""802.11 frames that carry Remote ID: Beacons with a vendor specific element, and NAN action frames.
 
-Sources: F3411-22a, Wi-Fi Beacon and Wi-Fi NAN broadcast methods; IEEE 802.11-2016, 9.3.3.3 (Beacon), 9.4.2.26
-(vendor specific element), 9.6.8.11 (vendor specific public action), 9.2.4.8 (FCS); Wi-Fi Alliance Neighbor Awareness
+Sources: F3411-22a, Wi-Fi Beacon and Wi-Fi NAN broadcast methods; IEEE 802.11-2016, 9.3.3.3 (Beacon), 9.4.2.26 (vendor
+specific element), 9.6.8.11 (vendor specific public action), 9.2.4.8 (FCS); Wi-Fi Alliance Neighbor Awareness
 Networking 3.1, 2.8 (addresses), 9.5 (attributes); field values as in opendroneid-core-c `libopendroneid/wifi.c`.
 
-A frame is everything from frame control to the last element, with its frame check sequence behind (4 bytes).
+A frame is everything from frame control to the last element, followed by its frame check sequence (4 bytes).
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ FCS: Final = 4
 
 BROADCAST: Final = b"\xff" * 6
 CAPABILITY: Final = 0x0420
-"""Short preamble, short slot time: nothing that invites anyone to join."""
+"""Short preamble, short slot time: nothing that invites a station to join."""
 RATES: Final = bytes([1, 1, 0x8C])
 """Supported rates element: 6 Mb/s, basic."""
 
 VENDOR: Final = 0xDD
 """Element id of a vendor specific element."""
 ASD_STAN: Final = b"\xfa\x0b\xbc\x0d"
-"""Organisation and type under which ASTM's messages travel in Beacons (5.4.9)."""
+"""Organisation and type under which Beacons carry ASTM's messages (5.4.9)."""
 
 WFA_NAN: Final = b"\x50\x6f\x9a\x13"
 """Wi-Fi Alliance, NAN."""
 NAN_ADDRESS: Final = bytes.fromhex("516f9a010000")
 """The NAN Network ID: address 1 of service discovery frames."""
 NAN_CLUSTER: Final = bytes.fromhex("506f9a0100ff")
-"""The cluster id that F3411 fixes: address 3."""
+"""The cluster id that F3411 prescribes: address 3."""
 SERVICE_ID: Final = sha256(b"org.opendroneid.remoteid").digest()[:6]
-"""A NAN service is named by the first 48 bits of the SHA-256 of its name in lower case: 88 69 19 9d 92 09."""
+"""A NAN service is identified by the first 48 bits of the SHA-256 of its name in lower case: 88 69 19 9d 92 09."""
 _PUBLIC_VENDOR: Final = b"\x04\x09" + WFA_NAN
 """Category public action, vendor specific, NAN."""
 _MASTER: Final = 0x00
@@ -57,30 +57,35 @@ _PUBLISH_WITH_INFO: Final = 0x10
 _UPDATE_INDICATOR: Final = 0x0200
 _PREFERENCE: Final = 0xFE
 _RANDOM_FACTOR: Final = 0xEA
-"""Master preference and random factor that the European standard advises, as wifi.c says."""
+"""Master preference and random factor that the European standard recommends, according to wifi.c."""
 NAN_INTERVAL_TU: Final = 512
 
 
 def beacon(
     frame: RidFrame, *, ssid: bytes = b"UAS", timestamp_us: int = 0, interval_tu: int = 100, sequence: int = 0
 ) -> bytes:
-    """A Beacon of `frame`'s address, counter and body. `ssid` 1…32 bytes, `sequence` 0…4095; else `ValueError`."""
+    """A Beacon with the address, counter and body of `frame`.
+
+    `ssid` has 1…32 bytes, `sequence` is 0…4095; else `ValueError`.
+    """
     if not 1 <= len(ssid) <= 32:
         raise ValueError(f"ssid of {len(ssid)} bytes, expected 1…32")
     header = frame.header
-    said = ASD_STAN + bytes([header.counter]) + frame.body
-    if len(said) > 255:
+    content = ASD_STAN + bytes([header.counter]) + frame.body
+    if len(content) > 255:
         raise ValueError(f"a body of {len(frame.body)} bytes, an element holds {255 - len(ASD_STAN) - 1}")
     return _with_fcs(
         _head(BEACON, BROADCAST, header.address, header.address, sequence)
         + _BEACON.pack(timestamp_us, interval_tu, CAPABILITY)
         + bytes([0, len(ssid)]) + ssid + RATES
-        + bytes([VENDOR, len(said)]) + said
+        + bytes([VENDOR, len(content)]) + content
     )  # fmt: skip
 
 
 def nan_action(frame: RidFrame, *, sequence: int = 0) -> bytes:
-    """A NAN service discovery frame of `frame`'s address, counter and body (at most 254 bytes, else `ValueError`)."""
+    """A NAN service discovery frame with the address, counter and body of `frame` (at most 254 bytes, else
+    `ValueError`).
+    """
     header = frame.header
     info = bytes([header.counter]) + frame.body
     if len(info) > 255:
@@ -96,7 +101,9 @@ def nan_action(frame: RidFrame, *, sequence: int = 0) -> bytes:
 
 
 def nan_sync_beacon(address: bytes, *, timestamp_us: int = 0, sequence: int = 0) -> bytes:
-    """The synchronisation Beacon that a NAN device sends right before its action frame, so that others find it."""
+    """The synchronisation Beacon that a NAN device sends immediately before its action frame, so
+    that others find it.
+    """
     attributes = (
         _attribute(_MASTER, bytes([_PREFERENCE, _RANDOM_FACTOR]))
         + _attribute(_CLUSTER, address + bytes([_RANDOM_FACTOR, _PREFERENCE]) + bytes(5))
@@ -110,10 +117,11 @@ def nan_sync_beacon(address: bytes, *, timestamp_us: int = 0, sequence: int = 0)
 
 
 def parse(frame: bytes) -> RidFrame:
-    """Transport, address, counter and body of a Beacon or NAN action frame that carries Remote ID.
+    """Decode transport, address, counter and body of a Beacon or NAN action frame that carries Remote ID.
 
-    `DecodeError` where the check sequence is wrong, where the frame is of another kind, or where no element or
-    attribute of it holds a broadcast. The body is not looked into; channel, signal strength and time are not in it.
+    Raises `DecodeError` if the frame check sequence is wrong, if the frame is of another kind, or if none of its
+    elements or attributes holds a broadcast. The body is not decoded. A frame holds no channel, signal strength or
+    time.
     """
     size = len(frame) - FCS
     if size < _HEADER.size:
@@ -127,15 +135,15 @@ def parse(frame: bytes) -> RidFrame:
         raise DecodeError(f"802.11 version {control & 3}")
     if kind == BEACON:
         transport = Transport.WIFI_BEACON
-        said = _in_beacon(body)
+        content = _in_beacon(body)
     elif kind == ACTION:
         if to != NAN_ADDRESS:
             raise DecodeError(f"an action frame to {to.hex(':')}, NAN's go to {NAN_ADDRESS.hex(':')}")
         transport = Transport.WIFI_NAN
-        said = _in_action(body)
+        content = _in_action(body)
     else:
         raise DecodeError(f"frame control 0x{control:04x}, neither a Beacon nor an action frame")
-    return RidFrame(RidHeader(transport, counter=said[0], address=address), said[1:])
+    return RidFrame(RidHeader(transport, counter=content[0], address=address), content[1:])
 
 
 def _in_beacon(body: bytes) -> bytes:
@@ -189,5 +197,5 @@ def _head(control: int, to: bytes, address: bytes, network: bytes, sequence: int
 
 
 def _with_fcs(frame: bytes) -> bytes:
-    """`frame` and its CRC-32 (802.11-2016, 9.2.4.8: that of IEEE 802.3), in the order it is captured in."""
+    """`frame` and its CRC-32 (802.11-2016, 9.2.4.8: that of IEEE 802.3), in the byte order of captures."""
     return frame + crc32(frame).to_bytes(FCS, "little")

@@ -1,8 +1,8 @@
-"""How is a MAVLink frame laid out? Header, payload table and checksum of both protocol versions.
+"""MAVLink frame layout: header, payload table and checksum of both protocol versions.
 
-Sources: https://mavlink.io/en/guide/serialization.html (frame, payload truncation, CRC with extra)
-and https://mavlink.io/en/guide/message_signing.html (13-byte signature). The payload tables are
-pymavlink's own, of its ardupilotmega dialect, so that a field's place is stated once in the world.
+Sources: https://mavlink.io/en/guide/serialization.html (frame, payload truncation, CRC with extra) and
+https://mavlink.io/en/guide/message_signing.html (13-byte signature). The payload tables are pymavlink's own, of its
+ardupilotmega dialect, so that field offsets are not stated a second time.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Field(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """How one message id travels. Wire order differs from the constructor's order (largest type first)."""
+    """The wire format of one message id. Wire order differs from the constructor's order (largest type first)."""
 
     cls: Any
     """The pymavlink message class."""
@@ -54,9 +54,9 @@ class Layout(NamedTuple):
     pack: Callable[..., bytes]
     fields: tuple[Field, ...]
     plain: tuple[int, ...] | None
-    """For a message of scalars only: the place of each constructor argument in the unpacked payload."""
+    """For a message of scalars only: the index of each constructor argument in the unpacked payload."""
     attributes: Callable[[Any], Any]
-    """The message's values in wire order, arrays nested; a bare value where there is one field."""
+    """Returns the message's values in wire order, arrays nested; a bare value if there is one field."""
     spread: tuple[Field, ...]
     """For a message with arrays: its fields in wire order."""
 
@@ -89,7 +89,7 @@ def _layout(cls: Any) -> Layout:
 
 
 LAYOUTS: dict[int, Layout] = {number: _layout(cls) for number, cls in dialect.mavlink_map.items()}
-"""Every message id of the dialect."""
+"""The layout of every message id of the dialect."""
 
 
 def checksum(covered: bytes, crc_extra: bytes) -> int:

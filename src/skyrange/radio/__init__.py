@@ -1,1 +1,1 @@
-"""Who hears whom? The air: propagation among buildings, radios, access, and the oracle between them and links."""
+"""Radio: the 2.4 GHz medium, its propagation and access, and the oracle that connects it to the Remote ID links."""

@@ -1,12 +1,13 @@
-"""When does a frame get on the air? Carrier sense and backoff for Wi-Fi, a random delay for Bluetooth advertising.
+"""Channel access: carrier sense and backoff for Wi-Fi, a random delay for Bluetooth advertising.
 
-Wi-Fi: the DCF of IEEE 802.11-2020 10.3.4 for frames that nobody acknowledges. A channel idle for DIFS is taken at once;
-otherwise as many idle slots are counted as were drawn from 0…CWmin, standing still while it is busy. Slot, SIFS, CWmin:
-20 µs, 10 µs, 31 (DSSS, table 15-6) and 9 µs, 10 µs, 15 (OFDM at 2.4 GHz, table 18-5). A channel is busy from the moment
-that a frame on it arrives with -82 dBm or more (17.3.10.6), or noise with -62 dBm; what started within the last 15 µs
-(DSSS) or 4 µs (OFDM) is not sensed yet, so equal draws collide, and so do senders that do not hear each other.
+Wi-Fi: the DCF of IEEE 802.11-2020 10.3.4 for frames that are not acknowledged. A sender whose channel has been idle
+for DIFS transmits at once. Otherwise it draws a backoff from 0…CWmin and counts down that many idle slots; the
+countdown stands still while the channel is busy. Slot, SIFS, CWmin: 20 µs, 10 µs, 31 (DSSS, table 15-6) and 9 µs, 10
+µs, 15 (OFDM at 2.4 GHz, table 18-5). A channel is busy from the moment at which a frame on it arrives with -82 dBm or
+more (17.3.10.6), or noise with -62 dBm. What started within the last 15 µs (DSSS) or 4 µs (OFDM) is not sensed yet, so
+equal draws collide, and so do senders that are hidden from each other.
 
-The city's own frames count as frames. A frame that has waited half a second is dropped: its news is old.
+Background traffic of the city counts as frames. A frame that has waited half a second is dropped as outdated.
 """
 
 from __future__ import annotations
@@ -56,16 +57,18 @@ WINDOW: Final = np.array([31, 15])
 FRAME_DBM: Final = -82.0
 ENERGY_DBM: Final = -62.0
 PATIENCE_NS: Final = 500 * NS_PER_MS
+"""Longest wait for access; a frame that has waited longer is dropped."""
 LOOK_AGAIN_NS: Final = NS_PER_MS
-"""How often a sender that noise keeps waiting looks again."""
+"""How often a sender that defers to noise senses the channel again."""
 BURST_NS: Final = NS_PER_MS
-"""The city's own load comes in pieces of this length, busy or not, on the channels 1, 6 and 11 apart."""
+"""The background traffic is drawn in intervals of this length, busy or idle, separately on the channels 1, 6 and 11."""
 ADV_DELAY_NS: Final = 10 * NS_PER_MS
 """Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1: advDelay is 0 to 10 ms."""
 ADV_GAP_NS: Final = 400 * NS_PER_US
-"""Between the PDUs of an event; at most 10 ms less a PDU by 4.4.2.6, and about this in controllers."""
+"""Between the PDUs of an advertising event; 4.4.2.6 permits at most 10 ms less a PDU, and
+controllers use about this."""
 POINTER_GAP_NS: Final = 300 * NS_PER_US
-"""T_MAFS: from the last pointer to what it points to at least (4.1.5)."""
+"""T_MAFS: the minimum from the last ADV_EXT_IND to the packet it announces (4.1.5)."""
 _CITY: Final = np.uint64(hash64("radio.city"))
 _NO_ACCESS: Final = int(Fate.NO_ACCESS)
 
@@ -74,7 +77,7 @@ STARTS, WAITS = True, False
 
 @kernel
 def next_waiting(air: Air) -> int:
-    """The waiting burst that acts next, -1 if there is none; ties by sender, then by its own order."""
+    """The waiting burst that acts next, -1 if there is none; ties by sender, then by the sender's own order."""
     best = -1
     for w in range(air.counts[0]):
         if best >= 0:
@@ -93,7 +96,7 @@ def next_waiting(air: Air) -> int:
 
 @kernel
 def leave(air: Air, w: int) -> None:
-    """Take a burst out of the waiting ones."""
+    """Remove a burst from the waiting ones."""
     last = air.counts[0] - 1
     for column in range(WAIT_ROWS):
         air.wait[column, w] = air.wait[column, last]
@@ -103,7 +106,9 @@ def leave(air: Air, w: int) -> None:
 
 @kernel
 def city_mw(setting: Setting, who: np.uint64, piece: int, centre: float, width: float) -> float:
-    """Power of the city's own frames within a receiver's filter, in one piece of time; exponential about its mean."""
+    """Power of background traffic within a receiver's filter in one interval; exponentially distributed about its
+    mean.
+    """
     if setting.busy <= 0.0:
         return 0.0
     power = 0.0
@@ -117,7 +122,7 @@ def city_mw(setting: Setting, who: np.uint64, piece: int, centre: float, width: 
 
 @kernel
 def _defer(air: Air, w: int, until: int) -> None:
-    """Wait for a channel that is busy until some time, and then for the slots that are left."""
+    """Defer until a busy channel becomes idle, and then for the remaining slots."""
     kind = air.wait[WAVE, w]
     if air.wait[SLOTS, w] < 0:
         air.wait[SLOTS, w] = air.wait[DRAWN, w]
@@ -131,10 +136,10 @@ def _defer(air: Air, w: int, until: int) -> None:
 
 @kernel
 def freeze(air: Air, w: int, now: int, until: int) -> None:
-    """A frame starts at `now` that the sender of a waiting one senses: its countdown stands still."""
+    """A frame that the sender of a waiting one senses starts at `now`: stop the countdown."""
     kind = air.wait[WAVE, w]
     if air.wait[STAGE, w] != CONTENDING or air.wait[PLAN, w] < now + SENSE_NS[kind]:
-        return  # not counting yet, or too late to notice
+        return  # the countdown has not begun, or the start is too late to be sensed
     if air.wait[SLOTS, w] > 0:
         counted = max(now - air.wait[RESUME, w], 0) // SLOT_NS[kind]
         air.wait[SLOTS, w] = max(air.wait[SLOTS, w] - counted, 0)
@@ -142,11 +147,11 @@ def freeze(air: Air, w: int, now: int, until: int) -> None:
 
 
 @kernel
-def _noise_until(
+def _busy_until(
     setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, w: int, air: Air, now: int,
     emitters: Ints, emitted: Floats,
 ) -> int:  # fmt: skip
-    """Until when noise or the city keeps a sender waiting, as far as it can tell; `now` if it does not."""
+    """The time until which a sender senses noise or background traffic; `now` if the channel is idle."""
     radio, channel, kind = air.wait[RADIO, w], air.wait[CHANNEL, w], air.wait[WAVE, w]
     centre, width = centre_mhz(kind, channel), WIDTH_MHZ[kind]
     if setting.busy > 0.0:
@@ -187,7 +192,7 @@ def gets_on_air(
     setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, w: int, emitters: Ints,
     emitted: Floats,
 ) -> bool:  # fmt: skip
-    """A waiting burst's moment has come: `STARTS`, or `WAITS` with a new plan, or it is gone."""
+    """Act on a waiting burst whose time has come: `STARTS`, or `WAITS` with a new plan or after it was dropped."""
     radio, kind, channel = air.wait[RADIO, w], air.wait[WAVE, w], air.wait[CHANNEL, w]
     now = air.wait[PLAN, w]
     there = pos[radio, 0] + pos[radio, 1] + pos[radio, 2]
@@ -213,9 +218,9 @@ def gets_on_air(
     if own > now:
         _defer(air, w, own)
         return WAITS
-    noisy = _noise_until(setting, sky, radios, pos, vel, w, air, now, emitters, emitted)
+    noisy = _busy_until(setting, sky, radios, pos, vel, w, air, now, emitters, emitted)
     if noisy > now:
-        air.wait[SLOTS, w] = min(air.wait[SLOTS, w], 0)  # those that it had are counted
+        air.wait[SLOTS, w] = min(air.wait[SLOTS, w], 0)  # its slots are counted down already
         _defer(air, w, noisy)
         return WAITS
     return STARTS

@@ -1,4 +1,4 @@
-"""Can there be such radios? All their faults at once, before a medium is made of them."""
+"""Validation of radio specifications: every problem at once, before a medium is built."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def check(radios: Sequence[RadioSpec], city: City | None, surroundings: Surroundings) -> None:
-    """Raise one InputError with everything that is wrong."""
+    """Raise one `InputError` with everything that is wrong."""
     faults = []
     seen: set[str] = set()
     for radio in radios:
@@ -72,7 +72,7 @@ def _faults_of(radio: RadioSpec, city: City | None) -> Iterator[Fault]:
 
 
 def _band(chain: Listening) -> bool | None:
-    """Whether a chain's turns are all Wi-Fi (True) or all Bluetooth (False); None for neither."""
+    """Whether all turns of a chain are Wi-Fi (True) or all Bluetooth (False); None for neither."""
     kinds = {waveform < Waveform.BLE_1M for turn in chain.turns for waveform in turn.waveforms}
     if len(kinds) != 1 or not all(turn.waveforms for turn in chain.turns):
         return None

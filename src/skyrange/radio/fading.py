@@ -1,15 +1,16 @@
-"""By how much does chance move a signal? Shadowing by place, fast fading by time: the same both ways, addressed.
+"""Random parts of path loss: shadowing by position and fast fading by time, reciprocal and addressed.
 
-Shadowing is what maps of buildings leave out: log-normal, of the spread that 3GPP TR 36.777 table B-3 has for aircraft
-above streets (UMi-AV): max(5·exp(−0.01·h), 2) dB in sight, h the lower antenna's height, and 8 dB out of sight. Space
-is cut into cells; the value of a pair holds while neither end leaves its cell. Moving one end by Δ keeps a share
-1 − Δ/side of the values, so a side of decorrelation/0.63 makes correlation fall to 1/e at the decorrelation distance:
-10 m in sight, 13 m out of it (TR 38.901 table 7.5-6, UMi).
+Shadowing is what building maps leave out: log-normal, with the standard deviation that 3GPP TR 36.777 table B-3 gives
+for aircraft above streets (UMi-AV): max(5·exp(−0.01·h), 2) dB in line of sight, h being the lower antenna's height,
+and 8 dB without line of sight. Space is divided into cells; the value of a pair holds while neither end leaves its
+cell. Moving one end by Δ keeps a share 1 − Δ/side of the values, so with a side of decorrelation distance/0.63 the
+correlation falls to 1/e at the decorrelation distance: 10 m with, 13 m without line of sight (TR 38.901 table 7.5-6,
+UMi).
 
-Fading is Rician, with K = 12 dB in sight (air to ground, near urban, 970 MHz: Matolak & Sun, IEEE Trans. Veh. Tech.
-66/1, 2017), and Rayleigh out of it. It holds for a bin of time, the largest power of two of nanoseconds within the
-coherence time 0.423·λ/v (Rappaport, "Wireless Communications", 5.40c), v being the speed between both ends and at least
-0.5 m/s, for the things that move in a street.
+Fading is Rician with line of sight, K = 12 dB (air to ground, near urban, 970 MHz: Matolak & Sun, IEEE Trans. Veh.
+Tech. 66/1, 2017), and Rayleigh without. It holds for a time bin, whose length is the largest power of two of
+nanoseconds within the coherence time 0.423·λ/v (Rappaport, "Wireless Communications", 5.40c). v is the speed between
+both ends and at least 0.5 m/s, for the things that move in a street.
 """
 
 from __future__ import annotations
@@ -31,31 +32,31 @@ SLOWEST_MPS: Final = 0.5
 _CELL: Final = 0.63
 _SHADOW: Final = np.uint64(hash64("radio.shadow"))
 _FADE: Final = np.uint64(hash64("radio.fade"))
-_ODD: Final = np.uint64(0x9E3779B97F4A7C15)
+_MIX: Final = np.uint64(0x9E3779B97F4A7C15)
 
 
 @kernel
 def pair_of(a: np.uint64, b: np.uint64) -> np.uint64:
-    """The address of two radios, the same from both ends."""
-    return ((a ^ b) * _ODD) ^ (a + b)
+    """The address of a pair of radios, the same from both ends."""
+    return ((a ^ b) * _MIX) ^ (a + b)
 
 
 @kernel
 def way_of(sender: np.uint64, receiver: np.uint64) -> np.uint64:
     """The address of one direction between two radios."""
-    return (sender * _ODD) ^ receiver
+    return (sender * _MIX) ^ receiver
 
 
 @kernel
 def cell_of(x: float, y: float, z: float, side: float) -> np.uint64:
-    """The address of the cell that holds a place."""
+    """The address of the cell that holds a position."""
     bits = (math.floor(x / side) & 0x1FFFFF) | ((math.floor(y / side) & 0x1FFFFF) << 21)
     return np.uint64(bits | ((math.floor(z / side) & 0x1FFFFF) << 42))
 
 
 @kernel
 def normal(u: float, v: float) -> float:
-    """A standard normal number of two uniform ones (Box & Muller, 1958)."""
+    """A standard normal number from two uniform ones (Box & Muller, 1958)."""
     return math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v)
 
 
@@ -63,7 +64,7 @@ def normal(u: float, v: float) -> float:
 def shadow_db(
     seed: np.uint64, pair: np.uint64, low_cell: np.uint64, high_cell: np.uint64, lower_height_m: float, hidden: bool
 ) -> float:
-    """Shadowing of a pair whose ends are in two cells: first that of the radio with the lower hash."""
+    """Shadowing of a pair whose ends are in two cells; the first cell is that of the radio with the lower hash."""
     sigma = HIDDEN_SIGMA_DB if hidden else max(5.0 * math.exp(-0.01 * lower_height_m), 2.0)
     u, v, _, _ = uniform4(seed, _SHADOW, np.uint64(pair), np.uint64(low_cell), np.uint64(high_cell))
     return sigma * normal(u, v)
@@ -71,20 +72,20 @@ def shadow_db(
 
 @kernel
 def cell_side_m(hidden: bool) -> float:
-    """Side of a shadowing cell."""
+    """Side of a shadowing cell in metres."""
     return (HIDDEN_M if hidden else SIGHT_M) / _CELL
 
 
 @kernel
 def coherence_ns(speed_mps: float, wavelength: float) -> int:
-    """Length of a fading bin."""
+    """Length of a fading bin in nanoseconds."""
     exact = 0.423 * wavelength / max(speed_mps, SLOWEST_MPS) * 1e9
     return 1 << math.floor(math.log2(exact))
 
 
 @kernel
 def fade_db(seed: np.uint64, pair: np.uint64, time_ns: int, bin_ns: int, centre_mhz: float, hidden: bool) -> float:
-    """Fading of a pair at a time, on a frequency; its mean power is 1."""
+    """Fading of a pair at a time on a frequency, in dB; its mean power is 1."""
     when = np.uint64((time_ns // bin_ns) * bin_ns)
     u, v, _, _ = uniform4(seed, _FADE, np.uint64(pair), when, np.uint64(centre_mhz))
     radius2 = -2.0 * math.log(1.0 - u)

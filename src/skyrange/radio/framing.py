@@ -1,7 +1,7 @@
-"""What is a Remote ID broadcast on the air? Which waveform carries it, and how long its frame is around its body.
+"""Framing overhead of Remote ID transports: the waveform of a broadcast, and the bytes around its body.
 
-The bytes themselves are made by `codec.wifi` and `codec.ble`; their length is all that a medium asks for. Wi-Fi frames
-go at 6 Mb/s, the one basic rate that the beacon announces.
+`codec.wifi` and `codec.ble` make the frames themselves; the medium needs only their length. Wi-Fi frames are sent at 6
+Mb/s, the one basic rate that the beacon announces.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ _AROUND = {
     Transport.WIFI_BEACON: len(wifi.beacon(_FRAME)),
     Transport.WIFI_NAN: len(wifi.nan_action(_FRAME)),
 }
-"""A frame's length with a message in it; of a Bluetooth one that of its PDU's payload."""
+"""A frame's length with one message in it; for Bluetooth the length of its PDU's payload."""
 
 AROUND: Final = np.array([0, *(_AROUND[transport] - SIZE for transport in Transport)])
 """By transport: bytes around the body."""
 WAVEFORM: Final = np.array([0, Waveform.BLE_1M, Waveform.BLE_CODED, Waveform.OFDM_6M, Waveform.OFDM_6M])
-"""By transport."""
+"""By transport: its waveform."""
 MOST_BODY: Final = np.array([0, SIZE, 255 - AROUND[Transport.BT5], 250, 250])
-"""By transport: the longest body; a legacy advertisement holds one message, never less."""
+"""By transport: the longest body in bytes; a legacy advertisement holds exactly one message."""
 LEAST_BODY: Final = np.array([0, SIZE, 1, 1, 1])
+"""By transport: the shortest body in bytes."""

@@ -1,7 +1,8 @@
-"""A burst ends: who has it decoded, and why have the others not?
+"""Reception decision: SNIR against the packet error rate of a waveform, when a burst ends.
 
-The frame is cut where anything that overlaps it in time and in its receiver's filter begins or ends: another burst, a
-noise source, a piece of the city's load. Each part has its own SNIR and so its own bit error; all bits must be right.
+The frame is split wherever anything that overlaps it in time and in its receiver's filter begins or ends: another
+burst, a noise source, an interval of background traffic. Each part has its own SNIR and so its own bit error rate; all
+bits must be right.
 """
 
 from __future__ import annotations
@@ -46,13 +47,15 @@ from skyrange.radio.waveforms import WIDTH_MHZ, frame_bits, is_wifi, survival
 
 _DECODE: Final = np.uint64(hash64("radio.decode"))
 _DECODED, _WEAK, _COLLIDED, _BUSY, _SENDING, _ELSEWHERE = (int(outcome) for outcome in Outcome)
-_FOLLOWED_MW: Final = 1e-3
-"""Of the noise: other noise below it is none."""
+_MIN_INTERFERENCE: Final = 1e-3
+"""Interference below this share of the receiver's noise is neglected."""
 
 
 @kernel
 def next_end(air: Air) -> int:
-    """The slot of the burst that ends next, -1 if nothing is on the air; ties by sender, then by its own order."""
+    """The slot of the burst that ends next, -1 if nothing is on the air; ties by sender, then by the sender's own
+    order.
+    """
     best = -1
     for s in range(air.slot.shape[1]):
         if air.slot[STATE, s] != ON_AIR:
@@ -73,7 +76,7 @@ def next_end(air: Air) -> int:
 
 @kernel
 def _before(air: Air, s: int, other: int) -> bool:
-    """Whether a burst stands before another in the order in which powers are added."""
+    """Whether a burst precedes another in the order in which powers are added."""
     if air.slot[START, s] != air.slot[START, other]:
         return bool(air.slot[START, s] < air.slot[START, other])
     if air.slot[RADIO, s] != air.slot[RADIO, other]:
@@ -83,7 +86,7 @@ def _before(air: Air, s: int, other: int) -> bool:
 
 @kernel
 def _overlapping(air: Air, s: int) -> Ints:
-    """Slots of the bursts that share some time with one, in order."""
+    """Slots of the bursts that overlap one in time, in the order of addition."""
     found = np.empty(air.slot.shape[1], dtype=np.int64)
     count = 0
     for other in range(air.slot.shape[1]):
@@ -105,7 +108,9 @@ def survives(
     kind: int, bits: float, start: int, end: int, signal: float, noise: float, begins: Ints, ends: Ints, mw: Floats,
     count: int,
 ) -> tuple[float, float]:  # fmt: skip
-    """The chance to get all bits right under `count` pieces of other power, and the worst ratio on the way."""
+    """The probability that all bits are right under `count` intervals of interference, and the
+    lowest SNIR among them.
+    """
     if count == 0:
         return survival(kind, signal / noise, bits), signal / noise
     cuts = np.empty(2 * count + 2, dtype=np.int64)
@@ -129,7 +134,7 @@ def survives(
 
 @kernel
 def _release(air: Air, s: int) -> None:
-    """A burst is over; forget those that overlap nothing that is still on the air."""
+    """End a burst; free the slots of those that overlap nothing that is still on the air."""
     air.slot[STATE, s] = OVER
     earliest = np.iinfo(np.int64).max
     for other in range(air.slot.shape[1]):
@@ -145,7 +150,7 @@ def judge(
     setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, s: int, emitters: Ints,
     emitted: Floats,
 ) -> None:  # fmt: skip
-    """Decide on every receiver of the burst in slot `s`, write what is to be told, and let the burst go."""
+    """Decide the outcome at every receiver of the burst in slot `s`, write the receptions, and release the burst."""
     key, sender, kind, channel = air.slot[KEY, s], air.slot[RADIO, s], air.slot[WAVE, s], air.slot[CHANNEL, s]
     start, end, reached = air.slot[START, s], air.slot[END, s], air.slot[COUNT, s]
     centre, width = centre_mhz(kind, channel), WIDTH_MHZ[kind]
@@ -214,7 +219,7 @@ def judge(
         for piece in range(pieces):
             number = start // BURST_NS + piece
             power = city_mw(setting, radios.who[r], number, centre, width)
-            if power > _FOLLOWED_MW * noise:
+            if power > _MIN_INTERFERENCE * noise:
                 begins[count], ends[count], mw[count] = number * BURST_NS, (number + 1) * BURST_NS, power
                 count += 1
         chance, worst = survives(kind, bits, start, end, signal, noise, begins, ends, mw, count)
@@ -234,7 +239,7 @@ def judge(
         if air.slot[ROLE, s] == POINTER and outcome == _DECODED:
             air.pointers[r, air.pointed[r] % POINTERS] = key
             air.pointed[r] += 1
-            continue  # what it points to counts
+            continue  # only the announced packet counts as received
         air.losses[r, outcome] += 1
         if outcome == _DECODED or setting.every_pair:
             row = air.counts[1]

@@ -1,8 +1,8 @@
-"""A burst starts: whom does it reach, how strongly, and who stays with it?
+"""Start of a transmission: the receivers that a burst reaches, its power at each, and which of them lock on it.
 
-A receiver locks on the first frame whose preamble it can find, and stays with it to its end, unless a later one is
-`CAPTURE_DB` stronger: that of message-in-message capture, 10 dB in J. Lee et al., "An experimental study on the capture
-effect in 802.11a networks" (WinTECH 2007). What is weaker is then missed, however well it could be heard alone.
+A receiver locks on the first frame whose preamble it can find and stays with it to its end, unless a later one is
+`CAPTURE_DB` stronger: that of message-in-message capture, 10 dB in J. Lee et al., "An experimental study on the
+capture effect in 802.11a networks" (WinTECH 2007). A weaker one is then missed, even if it could be decoded alone.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ from skyrange.radio.waveforms import LEAST_SNIR_DB, LOCK_SNIR_DB, WIDTH_MHZ, air
 
 CAPTURE_DB: Final = 10.0
 FOLLOWED_DB: Final = 3.0
-"""A signal is followed down to this far below what its receiver could use, so that chance may lift it."""
+"""A signal is tracked down to this far below the receiver's minimum, so that fading may still lift it."""
 _WEAK: Final = int(Outcome.WEAK)
 _ELSEWHERE: Final = int(Outcome.ELSEWHERE)
 
 
 @kernel
 def free_slot(air: Air) -> int:
-    """A slot for a burst, -1 where all are taken."""
+    """A free slot for a burst, -1 if all are taken."""
     for s in range(air.slot.shape[1]):
         if air.slot[STATE, s] == FREE:
             return s
@@ -65,8 +65,11 @@ def free_slot(air: Air) -> int:
 
 
 @kernel
-def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, s: int) -> None:
-    """Fill a slot's list of receivers. Long, for every call that hands arrays on costs as much as a radio does."""
+def _find_receivers(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, s: int) -> None:
+    """Fill a slot's list of receivers.
+
+    One long function, because every call that passes arrays on costs as much as the work for one radio.
+    """
     slot, head, follow, losses, pointers = air.slot, air.head, air.follow, air.losses, air.pointers
     rows, levels, powers, flags = air.row[s], air.dbm[s], air.mw[s], air.flag[s]
     lock_until, lock_dbm, sending_until, busy_until = air.lock_until, air.lock_dbm, air.sending_until, air.busy_until
@@ -97,7 +100,7 @@ def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Flo
                 if i == sender or not ex * ex + ey * ey + ez * ez <= reach * reach:
                     continue
                 if math.floor(pos[i, 0] / BUCKET_M) != column or math.floor(pos[i, 1] / BUCKET_M) != row:
-                    continue  # of another square that shares the bucket
+                    continue  # a radio of another square that hashes to the same bucket
                 hears = False
                 own = chain[i, band]
                 if role == FOLLOWED:
@@ -110,7 +113,7 @@ def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Flo
                         hears = turn_channel[place] == channel and (turn_mask[place] >> kind & 1) == 1
                     if not hears:
                         losses[i, _ELSEWHERE] += 1
-                if not hears and not wifi:  # it may still disturb what is heard there just now
+                if not hears and not wifi:  # it may still interfere with what is being received there
                     feels = role == FOLLOWED
                     for other in range(2):
                         own = chain[i, other]
@@ -169,7 +172,7 @@ def _reach(setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Flo
 def launch(
     setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, w: int, now: int, s: int
 ) -> None:
-    """Put a waiting burst on the air, in slot `s`."""
+    """Start the transmission of a waiting burst, in slot `s`."""
     for column in range(SIZE + 1):
         air.slot[column, s] = air.wait[column, w]
     kind, sender, channel = air.slot[WAVE, s], air.slot[RADIO, s], air.slot[CHANNEL, s]
@@ -179,7 +182,7 @@ def launch(
     leave(air, w)
     band = WIFI if is_wifi(kind) else BLUETOOTH
     air.sending_until[sender, band] = max(air.sending_until[sender, band], air.slot[END, s])
-    _reach(setting, sky, radios, pos, vel, air, s)
+    _find_receivers(setting, sky, radios, pos, vel, air, s)
     if band == BLUETOOTH or air.counts[0] == 0:
         return
     for k in range(air.slot[COUNT, s]):

@@ -1,4 +1,4 @@
-"""How strong is one radio's signal at another? Everything between two antennas, put together; and who is in reach."""
+"""Link budget: the power that arrives at a radio from another one, and the search for radios in range."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from skyrange.radio.sightlines import BEYOND, Skyline, obstruction_db
 
 SILENT: Final = -math.inf
 HIDDEN_DB: Final = 6.0
-"""From this loss on a path is out of sight: an edge exactly on the line costs 6 dB."""
+"""A path counts as without line of sight from this loss on: an edge exactly on the line costs 6 dB."""
 BUCKET_M: Final = 400.0
 
 
 class Setting(NamedTuple):
-    """What holds for the whole medium, for kernels."""
+    """Parameters of the whole medium, as kernels take them."""
 
     seed: np.uint64
     horizon_m: float
     chance: bool
     """Whether there is shadowing and fading."""
     busy: float
-    """The city's own load: share of time, and its mean strength at any receiver."""
+    """Background traffic: share of time, and its mean power at any receiver."""
     busy_mw: float
     every_pair: bool
 
@@ -38,7 +38,9 @@ def budget_dbm(
     power_dbm: float, distance: float, az: float, bz: float, wavelength: float, pattern_a: float, gain_a: float,
     pattern_b: float, gain_b: float,
 ) -> float:  # fmt: skip
-    """Median power at the receiver's input with nothing between. Scalars only, as in `luck_db`: it is called often."""
+    """Median power at the receiver's input without obstructions. Scalars only, as in `luck_db`, because it is called
+    often.
+    """
     sine = (bz - az) / distance if distance > 0.0 else 0.0
     mean = power_dbm + gain_a + gain_b - open_db(distance, az, bz, wavelength)
     if pattern_a == 1.0:
@@ -53,7 +55,7 @@ def luck_db(
     seed: np.uint64, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float, az: float, bx: float, by: float,
     bz: float, speed_mps: float, wavelength: float, centre: float, time_ns: int, loss_db: float,
 ) -> float:  # fmt: skip
-    """What shadowing and fading add for two radios at two places."""
+    """What shadowing and fading add for two radios at two positions, in dB."""
     hidden = loss_db >= HIDDEN_DB
     pair = pair_of(who_a, who_b)
     side = cell_side_m(hidden)
@@ -69,12 +71,12 @@ def arriving_dbm(
     setting: Setting, sky: Skyline, who: NDArray[np.uint64], aerial: Floats, pos: Floats, vel: Floats, sender: int,
     receiver: int, power_dbm: float, centre: float, time_ns: int, floor_dbm: float,
 ) -> float:  # fmt: skip
-    """Power at the receiver's input; `SILENT` where its median is below `floor_dbm`, or there is no radio."""
+    """Power at the receiver's input; `SILENT` if its median is below `floor_dbm`, or if a radio has no position."""
     ax, ay, az = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     bx, by, bz = pos[receiver, 0], pos[receiver, 1], pos[receiver, 2]
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if not distance <= setting.horizon_m:  # not a number, too
+    if not distance <= setting.horizon_m:  # true for NaN as well
         return SILENT
     wavelength = wavelength_m(centre)
     mean = budget_dbm(
@@ -100,20 +102,22 @@ def arriving_dbm(
 
 @kernel
 def reach_m(best_dbi: float, power_dbm: float, floor_dbm: float, centre: float) -> float:
-    """How far a signal is above a floor between the best antennas, in free space."""
+    """The distance at which a signal falls to a floor in free space between the best antennas."""
     budget = power_dbm + 2.0 * max(best_dbi, 0.0) - floor_dbm
     return float(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget))
 
 
 @kernel
 def bucket(column: int, row: int, mask: int) -> int:
-    """Where the radios of a square of the plane are listed."""
+    """The hash bucket that lists the radios of a square of the plane."""
     return (column * 73856093 ^ row * 19349663) & mask
 
 
 @kernel
 def sort(head: Ints, follow: Ints, pos: Floats) -> None:
-    """List all radios by place: the first of each bucket in `head` (a power of two of them), the next in `follow`."""
+    """List all radios by position: the first of each bucket in `head` (a power of two of them), the
+    next in `follow`.
+    """
     head[:] = -1
     mask = head.shape[0] - 1
     for i in range(pos.shape[0] - 1, -1, -1):

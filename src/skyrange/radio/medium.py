@@ -1,4 +1,4 @@
-"""Who hears whom? The builtin medium: 2.4 GHz among buildings, frame by frame, all of a step in one compiled call."""
+"""The builtin radio medium: 2.4 GHz among buildings, frame by frame, each step in one compiled call."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _run(
     setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, emitters: Ints,
     emitted: Floats, until: int,
 ) -> int:  # fmt: skip
-    """Act in order of time up to `until`; ends go before starts of the same instant."""
+    """Process events in order of time up to `until`; at one instant ends of bursts precede starts."""
     while True:
         w, s = next_waiting(air), next_end(air)
         start = air.wait[table.PLAN, w] if w >= 0 else _NO_TIME
@@ -78,7 +78,7 @@ def _run(
 class BuiltinMedium:
     """A `Medium` for Wi-Fi and Bluetooth at 2.4 GHz, over open ground or in a city.
 
-    Its clock starts with the first `advance`. Deep copies go on alike; the city is shared.
+    Its clock starts with the first `advance`. Deep copies continue alike; they share the city.
     """
 
     lookahead_ns: Time = 0
@@ -93,9 +93,9 @@ class BuiltinMedium:
         surroundings: Surroundings = OPEN_AIR,
         every_pair: bool = False,
     ) -> None:
-        """`every_pair` tells of frames that were not decoded, too.
+        """`every_pair` also reports frames that were not decoded.
 
-        Raises InputError with every fault of the radios at once: two of one name, a place that is no number or
+        Raises `InputError` with every problem of the radios at once: duplicate names, a position that is not finite or
         inside a building, an antenna, a channel or a power that does not exist.
         """
         check(radios, city, surroundings)
@@ -115,7 +115,7 @@ class BuiltinMedium:
         self._refused: list[tuple[int, int, int, Time]] = []
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BuiltinMedium:
-        """What is declared never changes and stays shared; what is on the air is copied."""
+        """Share what is declared and never changes; copy what is on the air."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin._air = self._air._replace(**{name: array.copy() for name, array in self._air._asdict().items()})
@@ -124,8 +124,10 @@ class BuiltinMedium:
 
     @property
     def losses(self) -> Ints:
-        """(radios, outcomes): counts of each `Outcome` at each receiver; bursts that not even free space let through
-        are not counted, and pointers only where they were not decoded.
+        """(radios, outcomes): counts of each `Outcome` at each receiver.
+
+        Bursts that would not arrive even in free space are not counted, and ADV_EXT_IND packets only if they were not
+        decoded.
         """
         return self._air.losses
 
@@ -139,7 +141,7 @@ class BuiltinMedium:
         """Nothing: it runs in this process."""
 
     def offer(self, now: Time, requests: TxBatch) -> None:
-        """Take frames; those that do not exist (size, channel, waveform, power) are REFUSED in the next answer."""
+        """Take frames; those that cannot exist (size, channel, waveform, power) are REFUSED in the next result."""
         count = len(requests.key)
         if count == 0:
             return
@@ -209,7 +211,9 @@ class BuiltinMedium:
         self._air.counts[0] = count + 1
 
     def emit(self, now: Time, sources: EmitterTable) -> None:
-        """Make noise from `now` on. Raises ValueError for a source without width, or with numbers that are none."""
+        """Make noise from `now` on. Raises `ValueError` for a source without width, or with values that are not
+        finite.
+        """
         numbers = np.stack((sources.centre_mhz, sources.width_mhz, sources.power_dbm)).astype(np.float64)
         if not np.isfinite(numbers).all() or not (numbers[1] > 0.0).all() or not (numbers[2] <= 90.0).all():
             raise ValueError("a noise source needs a finite centre, a width above 0 MHz and at most 90 dBm")
@@ -217,14 +221,14 @@ class BuiltinMedium:
             raise ValueError(f"a noise source that is none of {len(self.radios)} radios")
         order = np.lexsort((sources.from_ns, sources.radio))
         times = np.stack((sources.radio, np.maximum(sources.from_ns, now), sources.to_ns)).astype(np.int64)[:, order]
-        still = self._emitters[2] > now - 50_000_000  # a frame under way may have begun under it
+        still = self._emitters[2] > now - 50_000_000  # a frame on the air may have begun during it
         old = self._emitters[:, still].copy()
         old[2] = np.minimum(old[2], now)
         self._emitters = np.ascontiguousarray(np.concatenate((old, times), axis=1))
         self._emitted = np.ascontiguousarray(np.concatenate((self._emitted[:, still], numbers[:, order]), axis=1))
 
     def advance(self, until: Time, radios: RadioTable) -> OnAir:
-        """Let the time pass; see `Medium.advance`. Raises ValueError where it runs backward or rows are missing."""
+        """Let time pass; see `Medium.advance`. Raises `ValueError` if time runs backwards or rows are missing."""
         pos, vel = radios.pos_enu_m, radios.vel_enu_mps
         if pos.shape != (len(self.radios), 3) or vel.shape != pos.shape:
             raise ValueError(f"places of shape {pos.shape} for {len(self.radios)} radios")
@@ -265,7 +269,7 @@ class BuiltinMedium:
 
 
 def _rank(radio: Ints, at: Ints) -> Ints:
-    """Of sorted rows: how many of the same radio and instant stand before each."""
+    """Of sorted rows: how many of the same radio and instant precede each."""
     places = np.arange(len(radio))
     new = np.ones(len(radio), dtype=bool)
     new[1:] = (radio[1:] != radio[:-1]) | (at[1:] != at[:-1])
@@ -273,6 +277,6 @@ def _rank(radio: Ints, at: Ints) -> Ints:
 
 
 def placed(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTable:
-    """The table of radios that stand; NaN in the rows of the others, for their owner to fill in."""
+    """The table of radios with a fixed position; NaN in the rows of the others, for their owner to fill in."""
     pos = np.array([radio.place_enu_m or (math.nan,) * 3 for radio in radios], dtype=np.float64).reshape(-1, 3)
     return RadioTable(from_ns, pos, np.zeros_like(pos))

@@ -1,4 +1,4 @@
-"""Who makes noise, and until when? Bursts that jammers order of their radios, as sources of the medium."""
+"""Jamming bursts: noise that jammers order of their radios, as emitters of the medium."""
 
 from __future__ import annotations
 
@@ -10,22 +10,24 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_US, Time
 
 MOST_BURSTS = 1_000
-"""Bursts at once; a flood of more is not radiated."""
+"""Bursts at once; further ones are not radiated."""
 MOST_DBM = 90.0
 
 
 class Noise:
-    """The bursts under way. Deep-copyable."""
+    """The bursts that are on. Deep-copyable."""
 
     __slots__ = ("_bursts", "changed")
 
     def __init__(self) -> None:
         self._bursts: list[tuple[int, Time, Time, noise_link.Burst]] = []
         self.changed = False
-        """Whether the medium's sources are others than when they were last asked for."""
+        """Whether the emitters have changed since they were last requested."""
 
     def take(self, radio: int, at: Time, payload: bytes) -> bool:
-        """Take the order of a burst that reached a radio; `False` for anything else, and for one too many."""
+        """Take the request of a burst that reached a radio; `False` for any other payload, and for
+        one burst too many.
+        """
         try:
             burst = noise_link.unpack(payload)
         except DecodeError:
@@ -37,7 +39,7 @@ class Noise:
         return True
 
     def sources(self, now: Time) -> EmitterTable:
-        """The sources that are on or come, those of before forgotten."""
+        """The emitters that are on or scheduled; those that have ended are forgotten."""
         self.changed = False
         self._bursts = [burst for burst in self._bursts if burst[2] > now]
         numbers = np.array([[b.centre_khz, b.bandwidth_khz, b.power_cdbm] for *_, b in self._bursts], dtype=np.float64)

@@ -1,9 +1,9 @@
-"""Environment oracle: takes Remote ID from `rid_up`, lets a medium decide who receives it, and delivers it.
+"""Environment oracle: takes Remote ID from `rid_up`, lets a medium decide the receptions, and delivers them.
 
 A frame on `rid_up:<radio>` becomes a transmission of that radio at the time in its header, or at once. What a receiver
-decodes leaves on its `rid_down:<radio>` with its signal strength and the end of its reception; what an operator's
-ground receivers decode leaves as JSON on `oracle:<operator>`. Between two looks at the world the radios stand where the
-later look saw them (20 ms, 0.4 m at 20 m/s).
+decodes is sent on its `rid_down:<radio>` with its signal strength and the end of its reception. What an operator's
+ground receivers decode is sent as JSON on `oracle:<operator>`. Between two observations of the world the radios stand
+where the later one saw them (20 ms, 0.4 m at 20 m/s).
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from skyrange.radio.underway import Underway
 ENDPOINT = "oracle"
 STEP_NS: Time = 20 * NS_PER_MS
 MOST_AHEAD_NS: Time = 100 * NS_PER_MS
-"""A radio holds a frame until the time in its header, but no longer than that."""
+"""A radio holds a frame until the time in its header, but no longer than this."""
 
 
 class Oracle:
     """The agent that owns the medium (`skyrange.agent.contracts.Agent`).
 
-    `losses` of its medium counts what was not received and why; `refused` what could not be sent.
+    `losses` of its medium counts what was not received, by reason; `refused` counts what could not be sent.
     """
 
     name = ENDPOINT
@@ -53,9 +53,10 @@ class Oracle:
         grounds: Mapping[str, str] | None = None,
         recording: bool = False,
     ) -> None:
-        """Radios by name: `senders` have a `rid_up`, `receivers` a `rid_down`; `grounds` names a receiver's operator.
+        """Connect radios by name: `senders` have a `rid_up`, `receivers` a `rid_down`; `grounds` maps receivers to
+        operators.
 
-        `recording` keeps receptions for `drain_receptions`. Raises InputError for a name that no radio has.
+        `recording` keeps receptions for `drain_receptions`. Raises `InputError` for a name that no radio has.
         """
         rows = {radio.name: row for row, radio in enumerate(medium.radios)}
         grounds = grounds or {}
@@ -84,10 +85,10 @@ class Oracle:
         self._recording = recording
         self._drained: list[ReceptionRows] = []
         self.refused: Counter[str] = Counter()
-        """Frames that never became transmissions, by why."""
+        """Frames that never became transmissions, by reason."""
 
     def look(self, now: Time, world: World) -> None:
-        """See where everybody is, at a tick of the world; called before the steps of that instant."""
+        """Observe the positions at a tick of the world; called before the steps of that instant."""
         if self._moving is None:
             rows = {radio.name: row for row, radio in enumerate(self.medium.radios) if radio.place_enu_m is None}
             pairs = [(rows[name], at) for at, name in enumerate(world.vehicles) if name in rows]
@@ -100,11 +101,11 @@ class Oracle:
         self._table = RadioTable(now, pos, vel)
 
     def next_wakeup(self) -> Time | None:
-        """The next step while anything is on its way through the air; else mail wakes it."""
+        """The next step while anything is on the air; otherwise arriving frames wake it."""
         return None if self.medium.quiet or self._last is None else self._last + self.service_ns
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Send what came, let the time pass, tell what was heard."""
+        """Transmit what arrived, let time pass, and deliver the receptions."""
         outbox = Outbox()
         if len(inbox):
             self._offer(now, inbox, outbox)
@@ -199,7 +200,7 @@ class Oracle:
         )
 
     def _report(self, heard: Heard, outbox: Outbox) -> None:
-        """Tell operators what their ground receivers decoded."""
+        """Send operators what their ground receivers decoded."""
         told: dict[str, list[Reception]] = {operator: [] for operator in self._operators}
         for row, radio in enumerate(heard.radio.tolist()):
             operator = self._ground.get(radio)
@@ -228,7 +229,7 @@ class Oracle:
         self.medium.close()
 
     def drain_receptions(self) -> Receptions | None:
-        """What was received since it was last asked, if `recording`; None for nothing."""
+        """The receptions since the last call, if `recording`; None if there are none."""
         parts, self._drained = self._drained, []
         if not parts:
             return None

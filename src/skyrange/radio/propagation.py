@@ -1,4 +1,4 @@
-"""How much of a signal arrives over open ground, behind an edge, from an antenna? Loss and gain in dB, no chance."""
+"""Deterministic propagation: path loss over open ground, knife-edge diffraction, antenna gain and thermal noise."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from skyrange.core.compiled import kernel
 
 SPEED_OF_LIGHT_MPS: Final = 299_792_458.0
 NEAREST_M: Final = 0.5
-"""Antennas are not nearer than this to each other: closer, far-field formulas end."""
+"""The shortest distance between antennas: the far-field formulas do not hold below it."""
 LEAST_HEIGHT_M: Final = 0.5
-"""An antenna lower than this reflects as if it were here."""
+"""Ground reflection is computed for at least this antenna height."""
 NULL_DB: Final = -20.0
-"""Of a dipole towards its ends: a real one's feed and mount fill the null."""
+"""Gain of a dipole along its axis: the feed and mount of a real one fill the null."""
 NO_EDGE: Final = -0.78
-"""Below this ν, an edge costs nothing."""
+"""Below this ν, an edge causes no loss."""
 THERMAL_DBM_PER_MHZ: Final = -113.98
 """k·290 K·1 MHz."""
 
 
 @kernel
 def wavelength_m(frequency_mhz: float) -> float:
-    """Of a frequency."""
+    """Wavelength in metres of a frequency in MHz."""
     return SPEED_OF_LIGHT_MPS / (frequency_mhz * 1e6)
 
 
@@ -34,10 +34,10 @@ def free_space_db(distance_m: float, wavelength: float) -> float:
 
 @kernel
 def open_db(distance_m: float, height_a_m: float, height_b_m: float, wavelength: float) -> float:
-    """Median loss over ground with nothing between: free space as far as 4·h1·h2/λ, 40 dB a decade beyond.
+    """Median loss over unobstructed ground: free space up to the distance 4·h1·h2/λ, 40 dB per decade beyond.
 
     ITU-R P.1411-12 4.1.1 (line of sight in the street, UHF): its median L_bp + 6 + 20·log10(d/R_bp), or 40·log10
-    beyond R_bp; this is the envelope of a direct and a ground-reflected ray. High up, R_bp is out of reach.
+    beyond R_bp; this is the envelope of a direct and a ground-reflected ray. High up, R_bp is beyond the range.
     """
     breakpoint_m = 4.0 * max(height_a_m, LEAST_HEIGHT_M) * max(height_b_m, LEAST_HEIGHT_M) / wavelength
     loss = free_space_db(distance_m, wavelength)
@@ -56,10 +56,10 @@ def edge_db(nu: float) -> float:
 
 @kernel
 def bullington_nu(slope_a: float, slope_b: float, distance_m: float, wavelength: float) -> float:
-    """ν of the one edge that stands for many: where the steepest lines from both ends meet (P.526-15 4.5.1).
+    """ν of the single edge equivalent to many: where the steepest lines from both ends meet (P.526-15 4.5.1).
 
-    Slopes are of those lines against the direct one. The lines meet h = d·a·b/(a+b) off it, b/(a+b) of the way along;
-    so ν = h·√(2d/λd1d2) = √(2·d·a·b/λ). It never falls when another edge is added.
+    Slopes are those of these lines against the direct one. The lines meet at a height h = d·a·b/(a+b) above it, at
+    b/(a+b) of the distance; so ν = h·√(2d/λd1d2) = √(2·d·a·b/λ). It never falls when another edge is added.
     """
     if slope_a <= 0.0 or slope_b <= 0.0:
         return 0.0
@@ -68,7 +68,9 @@ def bullington_nu(slope_a: float, slope_b: float, distance_m: float, wavelength:
 
 @kernel
 def dipole_dbi(sine_of_elevation: float) -> float:
-    """Gain of a vertical half-wave dipole, 2.15 dBi level (Balanis, "Antenna Theory", 4-84), not below `NULL_DB`."""
+    """Gain of a vertical half-wave dipole, 2.15 dBi horizontally (Balanis, "Antenna Theory", 4-84), at least
+    `NULL_DB`.
+    """
     level = 1.0 - sine_of_elevation * sine_of_elevation
     if level <= 1e-9:
         return NULL_DB

@@ -1,14 +1,14 @@
-"""What does a receiver listen to, and when? Real ones as rounds of turns, and where in its round a receiver is.
+"""Listening schedules of receivers: the channels and waveforms of real kinds of receivers, turn by turn.
 
-The rounds are parameters, from what such receivers do:
+The schedules are parameters, from what such receivers do:
 
 - `COMPANION`: a module on an aircraft, one chip on Wi-Fi channel 6 (what most senders use), one that scans Bluetooth
   without a gap, 1M and Coded by turns on 37, 38, 39, 30 ms each.
 - `SNIFFER`: a microcontroller in promiscuous mode, which stays on Wi-Fi channel 6 and has no Bluetooth.
-- `HOPPER`: goes through the Wi-Fi channels five times a second (kismet's default rate), and scans Bluetooth.
-- `PHONE`: Android's app in the foreground. Bluetooth in SCAN_MODE_LOW_LATENCY, 100 ms windows in 100 ms intervals (AOSP
-  `ScanManager`); Wi-Fi scans are throttled to four in two minutes (developer.android.com, "Wi-Fi scanning overview"),
-  each taken as 13 channels of 110 ms.
+- `HOPPER`: changes the Wi-Fi channel five times a second (kismet's default rate), and scans Bluetooth.
+- `PHONE`: Android's app in the foreground. Bluetooth in SCAN_MODE_LOW_LATENCY, 100 ms windows in 100 ms intervals
+  (AOSP `ScanManager`); Wi-Fi scans are throttled to four in two minutes (developer.android.com, "Wi-Fi scanning
+  overview"), each modelled as 13 channels of 110 ms.
 - `PHONE_IDLE`: the same phone in its pocket: SCAN_MODE_LOW_POWER, 140 ms windows in 1400 ms intervals; no Wi-Fi.
 """
 
@@ -26,19 +26,21 @@ _WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
 
 
 def on_wifi(channel: int = 6) -> Listening:
-    """Stays on one Wi-Fi channel."""
+    """A chain that stays on one Wi-Fi channel."""
     return Listening((Turn(channel, _WIFI),))
 
 
 def on_bluetooth(window_ns: Time, interval_ns: Time, coded: bool = True) -> Listening:
-    """Scans the advertising channels by turns, an interval each; 1M and, if it can, Coded by turns too."""
+    """A chain that scans the advertising channels by turns, one interval each; with `coded`, 1M and Coded by turns
+    too.
+    """
     kinds = (Waveform.BLE_1M, Waveform.BLE_CODED) if coded else (Waveform.BLE_1M,)
     turns = tuple(Turn(channel, (kind,)) for channel in ADVERTISING for kind in kinds)
     return Listening(turns, interval_ns, window_ns)
 
 
 def hopping(dwell_ns: Time, rest_ns: Time = 0) -> Listening:
-    """Goes through all Wi-Fi channels, then rests."""
+    """A chain that scans all Wi-Fi channels and then pauses."""
     return Listening(tuple(Turn(channel, _WIFI) for channel in WIFI_CHANNELS), dwell_ns, dwell_ns, rest_ns)
 
 
@@ -59,12 +61,14 @@ PROFILES: Final[dict[str, tuple[Listening, ...]]] = {
     "phone-idle": PHONE_IDLE,
     "none": (),
 }
-"""Receivers by name, as a scenario asks for them."""
+"""Receivers by the names that scenarios use."""
 
 
 @kernel
 def turn_at(turns: int, dwell: int, window: int, rest: int, phase: int, time_ns: int) -> tuple[int, int]:
-    """Which of its turns a chain is listening in, -1 if in none, and until when. Scalars only: it is called often."""
+    """The turn in which a chain is listening, -1 if it is not, and until when. Scalars only, because it is called
+    often.
+    """
     if dwell == ALWAYS:
         return 0, NEVER
     if turns == 0:

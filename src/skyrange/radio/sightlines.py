@@ -1,12 +1,13 @@
-"""What do the buildings between two antennas cost? Geometric sight lines, and diffraction where there is none.
+"""Obstruction by buildings: geometric lines of sight, and diffraction where a line is blocked.
 
-The line walks through the grid of `city.walls` cell by cell, and looks at no building that is below it. Where nothing
-stands in the way, a roof just below the line still costs what P.526's knife edge says.
-Where something does, the signal comes over the roofs and round both sides, each way as Bullington's one equivalent edge
-(ITU-R P.526-15 4.5.1; its addition for terrain, up to 10 dB, is left out), and powers add (5.1, "finite-width screen").
-A way round a side counts only past one or two buildings, and if both its legs are free of others.
+The line is traced through the grid of `city.walls` cell by cell; buildings below it are skipped. On an unobstructed
+line, a roof just below it still causes the loss of P.526's knife edge. On an obstructed line, the signal arrives over
+the roofs and round both sides, each path as Bullington's single equivalent edge (ITU-R P.526-15 4.5.1; its terrain
+correction, up to 10 dB, is left out), and the powers add (5.1, "finite-width screen"). A path round a side counts only
+past one or two buildings, and only if both its legs are unobstructed.
 
-Not modelled: walls just beside a free line, reflections, what goes through buildings, courtyards (taken as solid).
+Not modelled: walls beside an unobstructed line, reflections, transmission through buildings, courtyards (taken as
+solid).
 """
 
 from __future__ import annotations
@@ -22,26 +23,27 @@ from skyrange.core.compiled import kernel
 from skyrange.radio.propagation import NO_EDGE, bullington_nu, edge_db
 
 NEAR_M: Final = 4.0
-"""How far below a line a roof may matter: 0.78 of the Fresnel radius of 2 km at 2.4 GHz is 4.3 m, at 1 km 3.1 m."""
+"""How far below a line a roof is considered: 0.78 of the Fresnel radius of 2 km at 2.4 GHz is 4.3 m, at 1 km 3.1 m."""
 END_M: Final = 1.0
 """Edges count as at least this far from either antenna."""
 ROW: Final = 2
-"""Round the sides of so many buildings in a row the signal finds a way; past more it comes over them."""
+"""The most buildings in a row that a signal passes round the sides; past more of them it arrives
+over the roofs only."""
 BEYOND: Final = math.inf
 _LIMIT: Final = 10.0 ** (0.05 * (4.8 - 12.92))
-_MINOR_DB: Final = 10.0  # a way that much longer than that over the roofs adds less than half a dB
-_SUM_DB: Final = 4.8  # three equal ways together are 4.8 dB above one of them
+_NEGLIGIBLE_DB: Final = 10.0  # a path with that much more loss than the one over the roofs adds less than half a dB
+_SUM_DB: Final = 4.8  # three equal paths together are 4.8 dB above one of them
 
 
 class Skyline(NamedTuple):
-    """A city's walls with an index for lines: the grid of `walls`, but each building only in the cells it stands in."""
+    """A city's walls with an index for lines: the grid of `walls`, but each building only in the cells it covers."""
 
     box: NDArray[np.float64]
     edges: NDArray[np.float64]
     first: NDArray[np.int64]
-    """As `Walls` has them."""
+    """As in `Walls`."""
     cells: NDArray[np.int64]
-    """(c + 1,): where a cell's buildings begin in `inside`."""
+    """(c + 1,): start of each cell's buildings in `inside`."""
     inside: NDArray[np.int32]
     tops: NDArray[np.float64]
     """(c,): the highest roof in each cell."""
@@ -53,7 +55,7 @@ class Skyline(NamedTuple):
 
 
 def skyline(walls: Walls = NO_WALLS) -> Skyline:
-    """The index of some walls."""
+    """Build the index of some walls."""
     west, south, side = walls.frame.tolist()
     shared = (walls.box, walls.edges, walls.first, *_index(walls))
     return Skyline(*shared, west, south, side, walls.columns, walls.rows)
@@ -61,7 +63,7 @@ def skyline(walls: Walls = NO_WALLS) -> Skyline:
 
 @kernel
 def _index(walls: Walls) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
-    """Each cell's buildings and their highest roof: counted, then filled, last to first."""
+    """Each cell's buildings and their highest roof: counted first, then filled from last to first."""
     count = walls.columns * walls.rows
     cells, tops = np.zeros(count + 1, dtype=np.int64), np.full(count, -math.inf)
     inside = np.empty(0, dtype=np.int32)
@@ -80,7 +82,7 @@ def _index(walls: Walls) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[
                     else:
                         cells[cell] -= 1
                         inside[cells[cell]] = b
-        if turn == 0:  # each start at its cell's end, from where it is filled downward
+        if turn == 0:  # each start stands at its cell's end and moves down while the cell is filled
             for cell in range(count):
                 cells[cell + 1] += cells[cell]
             inside = np.empty(cells[count], dtype=np.int32)
@@ -88,28 +90,28 @@ def _index(walls: Walls) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[
 
 
 class Walk(NamedTuple):
-    """A line's way through the cells: where it is, and how it goes on (Amanatides & Woo, Eurographics 1987)."""
+    """State of a line's traversal of the grid (Amanatides & Woo, Eurographics 1987)."""
 
     column: int
     row: int
     east: int
     north: int
-    """Steps, -1 or 1."""
+    """Step to the next cell, -1 or 1."""
     next_x: float
     next_y: float
-    """Shares of the way to the next cell's side in each direction."""
+    """Share of the line up to the next cell boundary in each direction."""
     each_x: float
     each_y: float
     begin: float
     end: float
-    """Shares of the way within the grid; none where begin is not below end."""
+    """Shares of the line at which it enters and leaves the grid; it misses the grid unless begin is below end."""
 
 
 @kernel
-def _walk(
+def _start_traversal(
     west: float, south: float, side: float, columns: int, rows: int, ax: float, ay: float, dx: float, dy: float
 ) -> Walk:
-    """The start of a line's way through the grid."""
+    """Begin the traversal of the grid along a line."""
     x, y = (ax - west) / side, (ay - south) / side
     wx, wy = dx / side, dy / side
     begin, end = 0.0, 1.0
@@ -134,16 +136,19 @@ def _walk(
 
 
 @kernel
-def _per(way: float) -> float:
-    """1 / way, and a big number for no way at all, so that a slab is met or missed as it should be."""
+def _inverse(way: float) -> float:
+    """1 / way, and a large number for 0, so that the slab test gives the right result."""
     return 1.0 / way if abs(way) > 1e-9 else 1e9
 
 
 class Cut(NamedTuple):
-    """What a line meets: the steepest slopes from both its ends over and round what cuts it, and the roof below."""
+    """What a line meets: the steepest slopes from both ends over and round its obstacles, and the nearest roof below
+    it.
+    """
 
     cut: int
-    """How many buildings cut it, as far as was looked; more than `ROW` leave no way round."""
+    """How many buildings obstruct the line, as far as it was traced; with more than `ROW` there is no path round the
+    sides."""
     up_a: float
     up_b: float
     left_a: float
@@ -151,16 +156,16 @@ class Cut(NamedTuple):
     right_a: float
     right_b: float
     graze: float
-    """ν of the roof that comes nearest to a line it does not cut."""
+    """ν of the roof that comes nearest to the line without obstructing it."""
 
 
 @kernel
 def trace(
     sky: Skyline, ax: float, ay: float, az: float, bx: float, by: float, bz: float, wavelength: float, enough: float
 ) -> Cut:
-    """Follow a line from A to B, until it is cut beyond hope: products of two slopes above `enough`.
+    """Trace a line from A to B until it is certainly blocked: until products of two slopes exceed `enough`.
 
-    One long function on purpose: a call that hands arrays on costs more than what it would do here.
+    One long function on purpose: a call that passes arrays on costs more than the work it would do here.
     """
     box, edges, first, cells, inside, tops, west, south, side, columns, rows = sky
     dx, dy, dz = bx - ax, by - ay, bz - az
@@ -170,9 +175,9 @@ def trace(
     cut = 0
     if columns == 0 or distance < 2.0 * END_M:
         return Cut(cut, up_a, up_b, left_a, left_b, right_a, right_b, graze)
-    per_x, per_y = _per(dx), _per(dy)
+    per_x, per_y = _inverse(dx), _inverse(dy)
     last = before = first_cut = second_cut = -1
-    column, row, east, north, next_x, next_y, each_x, each_y, way, end = _walk(
+    column, row, east, north, next_x, next_y, each_x, each_y, way, end = _start_traversal(
         west, south, side, columns, rows, ax, ay, dx, dy
     )
     while way < end and 0 <= column < columns and 0 <= row < rows:
@@ -241,12 +246,12 @@ def clear(sky: Skyline, ax: float, ay: float, az: float, bx: float, by: float, b
 
 
 @kernel
-def _round_db(
+def _side_path_db(
     sky: Skyline, a: float, b: float, side: float, ends: tuple[float, ...], distance: float, wavelength: float
 ) -> float:
-    """Loss of the way round one side (+1 left, -1 right), if its legs are clear; `BEYOND` if not."""
+    """Loss of the path round one side (+1 left, -1 right) if its legs are unobstructed; `BEYOND` if not."""
     along = distance * b / (a + b)
-    aside = a * along + 0.5  # half a metre off the corner, so that the legs do not touch what they go round
+    aside = a * along + 0.5  # half a metre off the corner, so that the legs clear the building
     ax, ay, az, dx, dy, dz = ends
     x = ax + (dx * along - side * dy * aside) / distance
     y = ay + (dy * along + side * dx * aside) / distance
@@ -260,9 +265,9 @@ def _round_db(
 def obstruction_db(
     sky: Skyline, ax: float, ay: float, az: float, bx: float, by: float, bz: float, wavelength: float, margin_db: float
 ) -> float:
-    """Loss by buildings between two places, on top of `propagation.open_db`; `BEYOND` if more than `margin_db`.
+    """Loss by buildings between two positions, on top of `propagation.open_db`; `BEYOND` if more than `margin_db`.
 
-    0 without any near the line, 0 to 6 dB with a roof close below it, more where the line is cut.
+    0 without any building near the line, 0 to 6 dB with a roof close below it, more if the line is obstructed.
     """
     stop = enough(10.0 ** (0.05 * margin_db), ax, ay, bx, by, wavelength)
     met = trace(sky, ax, ay, az, bx, by, bz, wavelength, stop)
@@ -271,7 +276,7 @@ def obstruction_db(
 
 @kernel
 def enough(margin: float, ax: float, ay: float, bx: float, by: float, wavelength: float) -> float:
-    """The product of two slopes beyond which `trace` may stop: all ways cost more than the margin, whatever else comes.
+    """The product of two slopes at which `trace` may stop: from there on every path costs more than the margin.
 
     `margin` is a ratio of field strengths. J(ν) is at least 6.9 + 20·log10(2·(ν - 0.1)).
     """
@@ -300,9 +305,9 @@ def cost_db(
         return BEYOND
     ends = (ax, ay, az, dx, dy, dz)
     power = 10.0 ** (-0.1 * over)
-    if left <= over + _MINOR_DB and met.left_a * met.left_b > 0.0:
-        power += 10.0 ** (-0.1 * _round_db(sky, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
-    if right <= over + _MINOR_DB and met.right_a * met.right_b > 0.0:
-        power += 10.0 ** (-0.1 * _round_db(sky, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
+    if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
+        power += 10.0 ** (-0.1 * _side_path_db(sky, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
+    if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
+        power += 10.0 ** (-0.1 * _side_path_db(sky, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
     loss = -10.0 * math.log10(power)
     return float(loss) if loss <= margin_db else BEYOND

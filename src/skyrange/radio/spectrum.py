@@ -1,7 +1,7 @@
-"""Where in the band is a channel, and how much of one signal falls into another's receiver?
+"""Channels of the 2.4 GHz band: centre frequencies, and the overlap of a signal with a receiver's filter.
 
-Signals are rectangles: evenly spread over their width, nothing beyond. What a real transmitter leaks beyond its mask
-(802.11-2020 15.4.5.5: at least 30 dB down) is not modelled.
+Spectra are rectangular: power is spread evenly over the width, with none beyond. What a real transmitter leaks beyond
+its mask (802.11-2020 15.4.5.5: at least 30 dB down) is not modelled.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def centre_mhz(waveform: int, channel: int) -> float:
 
 @kernel
 def share_within(centre: float, width: float, receiver_centre: float, receiver_width: float) -> float:
-    """The share 0…1 of a signal's power that a receiver's filter lets in; all in MHz."""
+    """The share 0…1 of a signal's power that passes a receiver's filter; all arguments in MHz."""
     low = max(centre - 0.5 * width, receiver_centre - 0.5 * receiver_width)
     high = min(centre + 0.5 * width, receiver_centre + 0.5 * receiver_width)
     return max(high - low, 0.0) / width

@@ -1,4 +1,6 @@
-"""What does a medium keep, as arrays for its kernels? The radios as declared, and the air as it is just now."""
+"""State of the builtin medium as arrays for its kernels: the radios as declared, and the bursts that wait or are on
+the air.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +20,16 @@ from skyrange.radio.waveforms import WIDTH_MHZ
 WIFI, BLUETOOTH = 0, 1
 """Bands: a radio has at most one receive chain in each, and sends one frame at a time in each."""
 POINTERS: Final = 16
-"""Extended advertisements that a receiver can be about to follow."""
+"""How many announced extended advertisements a receiver can follow at once."""
 ANTENNAS: Final = ("isotropic", "dipole")
 
 # rows of `Air.wait`: bursts that are to be sent, one column each
 KEY, RADIO, WAVE, CHANNEL, ROLE, NTH, SIZE, ASKED, PLAN, STAGE, RESUME, SLOTS, DRAWN, LAST = range(14)
 WAIT_ROWS: Final = 14
 QUEUED, CONTENDING, GIVING_UP = range(3)
-"""Stages."""
+"""Stages of a waiting burst."""
 WHOLE, POINTER, FOLLOWED = range(3)
-"""Roles: a frame by itself, a pointer to another, the one that is pointed to."""
+"""Roles: a self-contained frame, an ADV_EXT_IND that announces another packet, the packet that is announced."""
 
 # rows of `Air.slot`, after those up to SIZE: bursts on the air and over
 START, END, STATE, COUNT = 7, 8, 9, 10
@@ -37,35 +39,35 @@ FREE, ON_AIR, OVER = range(3)
 # columns of `Radios.chain`: where its turns begin, how many (0: no chain), times in ns
 FIRST, TURNS, DWELL, WINDOW, REST, PHASE = range(6)
 ALWAYS: Final = NEVER // 4
-"""Dwell of a chain that never turns away."""
+"""Dwell of a chain that never changes its channel."""
 
 HEARING, MISSED = 1, 2
-"""Flags: the receiver is tuned to the burst; it was busy with another."""
+"""Flags: the receiver is tuned to the burst; it was locked on another one."""
 
 
 class Radios(NamedTuple):
-    """n radios as they are declared; chains are by band."""
+    """n radios as declared; chains are by band."""
 
     who: NDArray[np.uint64]
     aerial: Floats
-    """(n, 2): number of the pattern, and gain in dBi."""
+    """(n, 2): index of the pattern, and gain in dBi."""
     sends_dbm: Floats
-    """(n, 2)"""
+    """(n, 2) transmit power by band."""
     noise_dbm: Floats
-    """(n, waveforms)"""
+    """(n, waveforms) noise in the width of each waveform."""
     chain: Ints
     """(n, 2, 6): `FIRST` to `PHASE`."""
     turn_channel: Ints
     turn_mask: Ints
-    """Bit w: hears waveform w."""
+    """Bit w: receives waveform w."""
     noise_mw: Floats
     best_dbi: float
     best_noise_db: float
-    """The best gain and the lowest noise figure that there are."""
+    """The highest gain and the lowest noise figure of all radios."""
 
 
 class Air(NamedTuple):
-    """What is going on: w waiting bursts, s slots of bursts on the air or just over, n radios."""
+    """State of the medium: w waiting bursts, s slots of bursts on the air or just over, n radios."""
 
     wait: Ints
     """(WAIT_ROWS, w)"""
@@ -74,29 +76,29 @@ class Air(NamedTuple):
     """(SLOT_ROWS, s)"""
     slot_dbm: Floats
     row: NDArray[np.int32]
-    """(s, n): receivers that a burst reaches, the first `COUNT` of each slot; so are `dbm` and `flag`."""
+    """(s, n): receivers that a burst reaches, the first `COUNT` of each slot; so are `dbm`, `mw` and `flag`."""
     dbm: Floats
     mw: Floats
     flag: NDArray[np.uint8]
     lock_until: Ints
-    """(n, 2); `lock_dbm` is the strength of what a chain is locked on."""
+    """(n, 2); `lock_dbm` is the power of the burst that a chain is locked on."""
     lock_dbm: Floats
     sending_until: Ints
     """(n, 2)"""
     busy_until: Ints
     """(n, 14): until when a radio senses a Wi-Fi channel as busy."""
     pointers: Ints
-    """(n, POINTERS): keys of pointers decoded last; column `pointed % POINTERS` is the next to go."""
+    """(n, POINTERS): keys of the ADV_EXT_INDs decoded last; column `pointed % POINTERS` is overwritten next."""
     pointed: Ints
     losses: Ints
     """(n, outcomes)"""
     head: Ints
-    """Buckets of places: the first radio in each, `follow` the next."""
+    """Buckets of positions: the first radio in each; `follow` holds the next."""
     follow: Ints
     mark: NDArray[np.int32]
-    """(n,) scratch: place + 1 in the list at hand, 0 between uses."""
+    """(n,) scratch: index + 1 in the current list, 0 between uses."""
     other: Floats
-    """(s, n) scratch: interference by burst and place."""
+    """(s, n) scratch: interference by burst and index."""
     heard: Ints
     """(5, h): key, radio, channel, end, outcome."""
     heard_db: Floats
@@ -104,7 +106,7 @@ class Air(NamedTuple):
     sent: Ints
     """(6, t): as `Sent`."""
     counts: Ints
-    """Waiting bursts, rows of `heard`, rows of `sent`."""
+    """Numbers of waiting bursts, rows of `heard`, and rows of `sent`."""
 
 
 def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
@@ -144,7 +146,7 @@ def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
 
 
 def still_air(n: int, waiting: int = 64, slots: int = 16, rows: int = 256) -> Air:
-    """Nothing going on among `n` radios, with room for some."""
+    """The state with nothing waiting or on the air among `n` radios, with room for some."""
     buckets = 1
     while buckets < 2 * n:
         buckets *= 2
@@ -180,7 +182,7 @@ def _widened(air: Air, names: Sequence[str], axis: int, size: int) -> dict[str, 
 
 
 def with_room(air: Air, waiting: int = 0, slots: int = 0, heard: int = 0, sent: int = 0) -> Air:
-    """The same air with room for at least so many of each."""
+    """The same state with room for at least so many of each."""
     wide: dict[str, Any] = {}
     if waiting > air.wait_dbm.shape[0]:
         wide |= _widened(air, _WAIT, -1, max(waiting, 2 * air.wait_dbm.shape[0]))

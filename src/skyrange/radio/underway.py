@@ -1,4 +1,4 @@
-"""Which broadcast is behind a key? Those on their way through the air, in a ring of rows."""
+"""Broadcasts in flight: a ring buffer from the medium's keys to the broadcasts behind them."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from skyrange.core.compiled import kernel
 from skyrange.core.time import NS_PER_S, Time
 
 WIDTH = 256
-"""Bytes of the longest body that any transport carries, rounded up."""
+"""Bytes of the longest body of any transport, rounded up."""
 KEPT_NS: Time = 2 * NS_PER_S
-"""A frame is off the air by then: it waits half a second at most, and no event lasts longer than 50 ms."""
+"""How long a broadcast is kept: it waits half a second at most, and no event lasts longer than 50 ms."""
 
 
 @kernel
-def _keep(data: Bytes, starts: Ints, sizes: Ints, bodies: Bytes, places: Ints) -> None:
+def _copy_bodies(data: Bytes, starts: Ints, sizes: Ints, bodies: Bytes, places: Ints) -> None:
     for row in range(starts.shape[0]):
         for offset in range(sizes[row]):
             bodies[places[row], offset] = data[starts[row] + offset]
@@ -26,13 +26,13 @@ def _keep(data: Bytes, starts: Ints, sizes: Ints, bodies: Bytes, places: Ints) -
 class Underway:
     """Broadcasts by key; keys count up from 0."""
 
-    __slots__ = ("_bodies", "_heads", "_sizes", "next")
+    __slots__ = ("_bodies", "_headers", "_sizes", "next")
 
     def __init__(self, room: int = 256) -> None:
-        """`room` is a power of two; there will be more as needed."""
+        """`room` is a power of two; it grows as needed."""
         self.next = 0
         # at, transport, channel, counter, address (6), the frame that brought it (number, serial)
-        self._heads = np.zeros((12, room), dtype=np.int64)
+        self._headers = np.zeros((12, room), dtype=np.int64)
         self._sizes = np.zeros(room, dtype=np.int64)
         self._bodies = np.zeros((room, WIDTH), dtype=np.uint8)
 
@@ -40,58 +40,58 @@ class Underway:
         """Keep some rows, which the frames (`ref`, `serial`) of a `RefBook` brought; returns their keys."""
         count = len(chosen)
         keys = np.arange(self.next, self.next + count)
-        self._make_room(now, count)
+        self._grow(now, count)
         places = self.place(keys)
-        self._heads[0, places] = at_ns
+        self._headers[0, places] = at_ns
         for k, column in enumerate((rows.transport, rows.channel, rows.counter)):
-            self._heads[1 + k, places] = column[chosen]
-        self._heads[4:10, places] = rows.address[chosen].T
-        self._heads[10, places], self._heads[11, places] = ref, serial
+            self._headers[1 + k, places] = column[chosen]
+        self._headers[4:10, places] = rows.address[chosen].T
+        self._headers[10, places], self._headers[11, places] = ref, serial
         bodies = rows.bodies
         self._sizes[places] = bodies.sizes[chosen]
-        _keep(bodies.data, bodies.starts[chosen], bodies.sizes[chosen], self._bodies, places)
+        _copy_bodies(bodies.data, bodies.starts[chosen], bodies.sizes[chosen], self._bodies, places)
         self.next += count
         return keys
 
-    def _make_room(self, now: Time, count: int) -> None:
-        """Double until the new keys overwrite nothing younger than `KEPT_NS`."""
+    def _grow(self, now: Time, count: int) -> None:
+        """Double the ring until the new keys overwrite nothing younger than `KEPT_NS`."""
         while True:
             room = len(self._sizes)
             replaced = np.arange(max(self.next - room, 0), self.next + count - room)
-            if not len(replaced) or (count <= room and bool((self._heads[0, replaced % room] < now - KEPT_NS).all())):
+            if not len(replaced) or (count <= room and bool((self._headers[0, replaced % room] < now - KEPT_NS).all())):
                 return
             old = np.arange(max(self.next - room, 0), self.next)
             wider = Underway(2 * room)
             there = old & (2 * room - 1)
-            wider._heads[:, there] = self._heads[:, old % room]
+            wider._headers[:, there] = self._headers[:, old % room]
             wider._sizes[there] = self._sizes[old % room]
             wider._bodies[there] = self._bodies[old % room]
-            self._heads, self._sizes, self._bodies = wider._heads, wider._sizes, wider._bodies
+            self._headers, self._sizes, self._bodies = wider._headers, wider._sizes, wider._bodies
 
     def place(self, keys: Ints) -> Ints:
         """The row of each key."""
         return keys & (len(self._sizes) - 1)
 
     def transport(self, keys: Ints) -> Ints:
-        """Of each key."""
-        transport: Ints = self._heads[1, self.place(keys)]
+        """The transport of each key."""
+        transport: Ints = self._headers[1, self.place(keys)]
         return transport
 
     def counter(self, keys: Ints) -> Ints:
-        """Of each key."""
-        counter: Ints = self._heads[3, self.place(keys)]
+        """The message counter of each key."""
+        counter: Ints = self._headers[3, self.place(keys)]
         return counter
 
     def address(self, keys: Ints) -> NDArray[np.uint8]:
-        """(n, 6), claimed."""
-        return self._heads[4:10, self.place(keys)].T.astype(np.uint8)
+        """(n, 6) the claimed sender address of each key."""
+        return self._headers[4:10, self.place(keys)].T.astype(np.uint8)
 
     def frames(self, keys: Ints) -> tuple[Ints, Ints]:
-        """The frames that brought them: (numbers, serials) of the `RefBook`."""
+        """The frames that brought the broadcasts: (numbers, serials) of the `RefBook`."""
         places = self.place(keys)
-        return self._heads[10, places], self._heads[11, places]
+        return self._headers[10, places], self._headers[11, places]
 
     def bodies(self, keys: Ints) -> Payloads:
-        """The bodies, where they lie."""
+        """The bodies, as views of the ring."""
         places = self.place(keys)
         return Payloads(self._bodies.reshape(-1), places * WIDTH, self._sizes[places])

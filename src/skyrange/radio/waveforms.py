@@ -1,8 +1,8 @@
-"""How long is a frame on the air, how wide, and how likely does it survive its noise? Waveforms of the 2.4 GHz band.
+"""Waveforms of the 2.4 GHz band: airtime, bandwidth, and bit error rate by SNIR.
 
 Airtimes: IEEE 802.11-2020 15.2.3 (DSSS, long preamble 144 µs and header 48 µs), 17.3.2 and 18.3.2.4 (OFDM: 20 µs, 24
 bits in each 4 µs symbol, 6 µs signal extension at 2.4 GHz); Bluetooth Core 5.4 vol. 6 part B 2.1 (1M) and 2.2 (Coded:
-preamble 80, access address 256, CI 16, TERM1 24, TERM2 24 µs, and 64 µs a byte at S=8).
+preamble 80, access address 256, CI 16, TERM1 24, TERM2 24 µs, and 64 µs per byte at S=8).
 
 Bit errors, γ being the ratio of signal to noise and interference in the waveform's own width:
 
@@ -11,9 +11,9 @@ Bit errors, γ being the ratio of signal to noise and interference in the wavefo
 - OFDM 6 Mb/s: BPSK 0.5·erfc(√γ), and the union bound of the rate 1/2 code over Bhattacharyya's D; L. Miller, NIST,
   "Validation of 802.11a/UWB Coexistence Simulation" (2003), as in ns-3's `NistErrorRateModel` (G. Pei & T. Henderson,
   "Validation of OFDM error rate model in ns-3", 2010).
-- BLE 1M: GFSK of index 0.5 as noncoherent orthogonal FSK, 0.5·exp(−γ/2) (Proakis, "Digital Communications", 5.4-47; the
-  Bluetooth model of IEEE 802.15.2-2003 becomes that at index 0.5): 0.1 % at 10.9 dB.
-- BLE Coded S=8: four symbols to a coded bit, so 0.5·exp(−4γ/2), then hard decisions on the rate 1/2 code of constraint
+- BLE 1M: GFSK of index 0.5 as noncoherent orthogonal FSK, 0.5·exp(−γ/2) (Proakis, "Digital Communications", 5.4-47;
+  the Bluetooth model of IEEE 802.15.2-2003 reduces to that at index 0.5): 0.1 % at 10.9 dB.
+- BLE Coded S=8: four symbols per coded bit, so 0.5·exp(−4γ/2), then hard decisions on the rate 1/2 code of constraint
   length 4 (Core vol. 6 part B 3.3.1), by its distance spectrum (Frenger, Orten & Ottosson, IEEE Comm. Letters 3/11,
   1999: 15, 17 octal). That gains 8 to 9 dB over 1M; the nRF52840's data sheet has 8 (−95 and −103 dBm).
 """
@@ -32,11 +32,11 @@ from skyrange.core.time import NS_PER_US, Time
 DSSS, OFDM, BLE, CODED = (int(w) for w in Waveform)
 
 WIDTH_MHZ: Final = np.array([22.0, 20.0, 1.0, 1.0])
-"""By waveform: of the signal and of its receiver's filter."""
+"""By waveform: width of the signal and of its receiver's filter."""
 LEAST_SNIR_DB: Final = np.array([-8.1, 1.8, 8.3, 1.3])
-"""By waveform: below it fewer than 1 in 100 frames of 30 bytes survive (a test checks)."""
+"""By waveform: below this fewer than 1 in 100 frames of 30 bytes survive (checked by a test)."""
 LOCK_SNIR_DB: Final = np.array([-6.2, 2.3, 10.3, 2.0])
-"""By waveform: from here on a receiver finds the preamble and stays with the frame; about half survive there."""
+"""By waveform: from this on a receiver detects the preamble and locks on the frame; about half survive there."""
 MOST_BYTES: Final = np.array([2346, 2346, 37, 255])
 """By waveform: longest frame. 802.11-2020 table 9-25 (2304 and headers); Core vol. 6 part B 2.3.1, 2.3.4."""
 LEAST_BYTES: Final = np.array([14, 14, 6, 6])
@@ -46,13 +46,13 @@ _HEAD_BITS: Final = np.array([48, 24, 40, 40])
 
 @kernel
 def is_wifi(waveform: int) -> bool:
-    """Whether a waveform is 802.11's."""
+    """Whether a waveform is one of 802.11."""
     return waveform < 2
 
 
 @kernel
 def airtime_ns(waveform: int, size_bytes: int) -> Time:
-    """How long a frame is on the air, preamble and all."""
+    """Duration of a frame on the air, including its preamble."""
     if waveform == DSSS:
         us = 192 + 8 * size_bytes
     elif waveform == OFDM:
@@ -66,13 +66,13 @@ def airtime_ns(waveform: int, size_bytes: int) -> Time:
 
 @kernel
 def frame_bits(waveform: int, size_bytes: int) -> int:
-    """Bits that all have to be right: those of the frame and of the header before it."""
+    """Number of bits that must be right: those of the frame and of its header."""
     return int(8 * size_bytes + _HEAD_BITS[waveform])
 
 
 @kernel
 def bit_error(waveform: int, snir: float) -> float:
-    """The chance that a bit is wrong after decoding, 0 to 0.5; `snir` is a ratio of powers."""
+    """The probability 0…0.5 that a bit is wrong after decoding; `snir` is a ratio of powers."""
     if waveform == DSSS:
         return 0.5 * math.exp(-22.0 * snir)
     if waveform == BLE:
@@ -94,10 +94,10 @@ def bit_error(waveform: int, snir: float) -> float:
 
 @kernel
 def survival(waveform: int, snir: float, bits: float) -> float:
-    """The chance that all of `bits` (a share of a frame has a fraction of one) are right."""
+    """The probability that all of `bits` are right (a share of a frame has a fractional number of bits)."""
     return math.exp(bits * math.log1p(-bit_error(waveform, snir)))
 
 
 def packet_error(waveform: Waveform, snir_db: float, size_bytes: int) -> float:
-    """The chance that a frame of `size_bytes` is lost at a steady `snir_db`."""
+    """The probability that a frame of `size_bytes` is lost at a constant `snir_db`."""
     return 1.0 - survival(int(waveform), 10.0 ** (snir_db / 10.0), float(frame_bits(int(waveform), size_bytes)))

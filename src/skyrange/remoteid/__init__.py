@@ -1,1 +1,1 @@
-"""What does an aircraft tell everybody near it? Remote ID broadcasts, and the tracks that receivers make of them."""
+"""Remote ID: the broadcasts of aircraft, and the tracks that receivers derive from them."""

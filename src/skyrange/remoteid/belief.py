@@ -1,8 +1,8 @@
-"""What does an aircraft believe of itself, as its computer on board hears it? The last of a few MAVLink messages.
+"""Autopilot belief: the last state that an aircraft's autopilot reported, as its companion received it.
 
 From `rid_data`: HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, GLOBAL_POSITION_INT, HOME_POSITION, for avoidance
-POSITION_TARGET_GLOBAL_INT, and the OPEN_DRONE_ID_LOCATION of an autopilot that makes the Location itself. Belief,
-never truth: what deceives the autopilot is broadcast.
+POSITION_TARGET_GLOBAL_INT, and the OPEN_DRONE_ID_LOCATION of an autopilot that makes the Location itself. This is
+belief, never truth: if the autopilot is deceived, the false position is broadcast.
 """
 
 from __future__ import annotations
@@ -24,35 +24,35 @@ _ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
 
 BELIEF: Final = np.dtype(
     [
-        # when each was heard, ns; -1 never
+        # when each was received, ns; -1 never
         ("beat_ns", "i8"), ("time_ns", "i8"), ("gnss_ns", "i8"), ("place_ns", "i8"), ("home_ns", "i8"),
         ("goal_ns", "i8"), ("own_ns", "i8"),
         ("mode", "i8"), ("armed", "i8"), ("state", "i8"),  # custom_mode, 0 or 1, MAV_STATE
         ("boot_utc_us", "i8"),  # UTC of its boot, µs since 1970; -1 unknown
         ("time_boot_ms", "i8"),  # its clock at that SYSTEM_TIME
         ("fix", "i8"),  # GPS_FIX_TYPE
-        ("geoid_m", "f8"),  # ellipsoid height less mean sea level, by its receiver; NaN unknown
-        ("chart_m", "f8"),  # the same by the computer's own chart, for receivers that know of none
+        ("geoid_m", "f8"),  # ellipsoid height less mean sea level, from its receiver; NaN unknown
+        ("chart_m", "f8"),  # the same from the companion's geoid model, for receivers that report none
         ("place_acc_m", "f8"), ("up_acc_m", "f8"), ("speed_acc_mps", "f8"),  # NaN unknown
         ("boot_ms", "i8"),  # its clock at the position below
         ("lat_e7", "i8"), ("lon_e7", "i8"), ("alt_msl_m", "f8"), ("above_home_m", "f8"),
         ("vel_n", "f8"), ("vel_e", "f8"), ("vel_d", "f8"),  # m/s
         ("home_lat_e7", "i8"), ("home_lon_e7", "i8"), ("home_msl_m", "f8"),
         ("goal_lat_e7", "i8"), ("goal_lon_e7", "i8"), ("goal_msl_m", "f8"),
-        ("own_numbers", "f8", (len(NUMBERS),)), ("own_codes", "i8", (len(CODES),)),  # the Location it makes itself
-        ("bad", "i8"),  # frames that are none of its autopilot's
+        ("own_numbers", "f8", (len(NUMBERS),)), ("own_codes", "i8", (len(CODES),)),  # the autopilot's own Location
+        ("bad", "i8"),  # frames that are not from its autopilot
     ]
 )  # fmt: skip
-"""One aircraft's belief."""
+"""The belief of one aircraft."""
 
 
 class Beliefs:
-    """The beliefs of many aircraft: `table` by place. Deep-copyable."""
+    """The beliefs of many aircraft, one row of `table` each. Deep-copyable."""
 
     def __init__(self, systems: Ints, chart_m: float = 0.0) -> None:
-        """`systems` (n,): MAVLink system ids; what another system or component sends is not believed.
+        """`systems` (n,): MAVLink system ids; messages of other systems or components are ignored and counted.
 
-        `chart_m` is the geoid where they fly.
+        `chart_m` is the geoid undulation where they fly.
         """
         self.systems = systems
         self.table: NDArray[Any] = np.zeros(len(systems), dtype=BELIEF)
@@ -63,9 +63,9 @@ class Beliefs:
             self.table[name] = np.nan
 
     def update(self, places: Ints, at_ns: Ints, payloads: Payloads) -> dict[int, Ints]:
-        """Take in frames in their order; the rows of each message id that was heard.
+        """Take in frames in their order; returns the rows of each message id that was received.
 
-        Only whole MAVLink 2 frames are read; others are counted in `bad`, as are strangers'.
+        Only whole MAVLink 2 frames are read; others, and those of foreign systems, are counted in `bad`.
         """
         kinds = sort(payloads)
         heard: dict[int, Ints] = {}
@@ -79,7 +79,7 @@ class Beliefs:
             np.add.at(self.table["bad"], places[rows[~own]], 1)
             rows = rows[own]
             if rows.size:
-                # of several from one aircraft the last one counts: it is assigned last
+                # of several messages from one aircraft the last one counts, because it is assigned last
                 read(self.table, places[rows], at_ns[rows], found.values[own])
                 heard[number] = rows
         return heard
@@ -104,7 +104,7 @@ def _gps_raw_int(table: Any, at: Ints, when: Ints, told: Any) -> None:
     table["gnss_ns"][at] = when
     table["fix"][at] = told["fix_type"]
     both = (told["alt_ellipsoid"] != 0) & (told["fix_type"] >= mav.GPS_FIX_TYPE_3D_FIX)
-    # both heights equal: a receiver that knows no geoid, as ArduPilot's by GPS_INPUT (AP_GPS.cpp, `have_undulation`)
+    # equal heights: the receiver has no geoid model, as ArduPilot's GPS_INPUT (AP_GPS.cpp, `have_undulation`)
     undulation_m = (told["alt_ellipsoid"].astype(np.float64) - told["alt"]) * 1e-3
     table["geoid_m"][at] = np.where(
         both, np.where(undulation_m != 0.0, undulation_m, table["chart_m"][at]), table["geoid_m"][at]
@@ -152,12 +152,12 @@ _READERS: Final = {
 
 
 def utc_us(table: Any, boot_ms: Ints) -> Ints:
-    """(n,) UTC, µs since 1970, by its own clock at `boot_ms`; -1 unknown, as after a reboot that set it back."""
+    """(n,) UTC in µs since 1970 at `boot_ms` of each autopilot's clock; -1 if unknown, as after a reboot."""
     known = (table["boot_utc_us"] >= 0) & (boot_ms >= table["time_boot_ms"] - 1000)
     return np.where(known, table["boot_utc_us"] + boot_ms * (NS_PER_MS // NS_PER_US), -1)
 
 
 def fresh(told_ns: Ints, now: Time, within_ns: Time) -> NDArray[np.bool_]:
-    """(n,) what was told, and lately."""
+    """(n,) whether each was received, and no longer ago than `within_ns`."""
     lately: NDArray[np.bool_] = (told_ns >= 0) & (now - told_ns <= within_ns)
     return lately

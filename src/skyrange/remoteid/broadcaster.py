@@ -1,8 +1,8 @@
-"""What does an aircraft broadcast, and when? Remote ID made of what it believes, for many aircraft at once.
+"""Remote ID transmitter: broadcasts made of the autopilot's belief, for many aircraft at once.
 
-Every element is what the aircraft's autopilot said last; its time mark is when it was so. When the autopilot falls
-silent the last place goes on, with its old time mark, under the status "Remote ID system failure". An autopilot with
-Open Drone ID of its own makes the Location, and that one is broadcast as it is.
+Every element is the last value that the aircraft's autopilot reported; its time mark is the time of that value. When
+the autopilot falls silent the last position is still broadcast, with its old time mark, under the status "Remote ID
+system failure". An autopilot with Open Drone ID makes the Location itself, and that Location is broadcast unchanged.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ from skyrange.remoteid.profiles import Broadcast, Cycle, address_of, cycle
 
 PHASE_STREAM: Final = "remoteid.phase"
 AHEAD_NS: Final[Time] = 50 * NS_PER_MS
-"""How long before its time a broadcast is handed to the radio, which sends it by its own clock, as Wi-Fi sends
-beacons (IEEE 802.11-2020, 11.1.3.2): a program that is late by a poll shifts none."""
+"""How long before its time a broadcast is handed to the radio, which sends it by its own clock, as Wi-Fi sends beacons
+(IEEE 802.11-2020, 11.1.3.2): a program that polls late does not delay a broadcast."""
 PLACE_NS: Final[Time] = 2 * NS_PER_S
-"""A place older than that is none: telemetry at 1 Hz, and one report lost."""
+"""An older position counts as missing: telemetry at 1 Hz, and one report lost."""
 BEAT_NS: Final[Time] = 5 * NS_PER_S
 """Silence after which the autopilot counts as lost (mavlink.io, heartbeat: four or five missed)."""
 GNSS_NS: Final[Time] = 5 * NS_PER_S
 _TIMESTAMP: Final = slice(20, 24)
-"""Where a System message has its time (F3411-22a, System message)."""
-_MOST_SLOTS: Final = 4096
+"""The bytes of the time in a System message (F3411-22a, System message)."""
+_MAX_SLOTS: Final = 4096
 _KINDS: Final = 8
-"""Counters: one per transport, one per message of Bluetooth 4."""
+"""Message counters: one per transport, and for Bluetooth 4 one per message type."""
 
 
 _GROUND, _AIRBORNE, _EMERGENCY = int(Status.GROUND), int(Status.AIRBORNE), int(Status.EMERGENCY)
@@ -64,11 +64,13 @@ _HORIZONTAL, _VERTICAL, _SPEED = (
     np.array([-1.0 if limit is None else limit for limit in table])
     for table in (values.HORIZONTAL_ACCURACY_M, values.VERTICAL_ACCURACY_M, values.SPEED_ACCURACY_MPS)
 )
-"""Errors are below these, by code; -1: no error is."""
+"""By code: the error is below this; -1: no error has this code."""
 
 
 class Broadcaster:
-    """The Remote ID transmitters of many aircraft. Deep-copyable; an aircraft's broadcasts depend on itself alone."""
+    """The Remote ID transmitters of many aircraft. Deep-copyable; the broadcasts of an aircraft depend on no other
+    aircraft.
+    """
 
     def __init__(self, broadcasts: Sequence[Broadcast], chance: Chance) -> None:
         """`chance` spreads the aircraft within the second."""
@@ -81,7 +83,7 @@ class Broadcaster:
         self._slot = np.zeros(count, dtype=np.int64)
         phase = [int(chance.uniform4(PHASE_STREAM, hash64(b.vehicle), 0)[0] * NS_PER_S) for b in self.broadcasts]
         self._begin_ns = np.array(phase, dtype=np.int64)
-        """When the present cycle began."""
+        """When the current cycle began."""
         self.due_ns: Ints = np.array(
             [
                 begin + each.slots[0].offset_ns if each.slots else NEVER
@@ -89,7 +91,7 @@ class Broadcaster:
             ],
             dtype=np.int64,
         )
-        """(n,) when each sends next."""
+        """(n,) when each aircraft broadcasts next."""
         self._counters = np.zeros((count, 2 * _KINDS), dtype=np.uint8)
         raw = b"".join(address_of(broadcast.vehicle) for broadcast in self.broadcasts)
         self.addresses = np.frombuffer(raw, dtype=np.uint8).reshape(count, 6).copy()
@@ -101,44 +103,48 @@ class Broadcaster:
         self._system = rows_of([encode(_system(b)) for b in self.broadcasts]).copy()
         self._fixed = np.array([b.operator_place is not None for b in self.broadcasts], dtype=np.bool_)
         self.of_autopilot = np.array([b.of_autopilot for b in self.broadcasts], dtype=np.bool_)
-        """(n,) whose autopilot makes the Location, and is told who it is, where its operator is and how this is."""
+        """(n,) whether the autopilot makes the Location, and so has to be told identity, operator
+        location and status."""
         self._takeoff = np.zeros((count, 4))
-        """Latitude, longitude, height of the take-off that System tells of; the last is 1 where it does."""
+        """Latitude, longitude and height of the take-off in the System message; the last column is 1 once it is set."""
 
     def next_due(self) -> Time | None:
-        """When to ask next for what is to be handed over."""
+        """When `send` has to be called next."""
         due = int(self.due_ns.min(initial=NEVER))
         return None if due == NEVER else due - AHEAD_NS
 
     def send(self, now: Time, beliefs: Beliefs) -> tuple[Ints, Payloads] | None:
-        """What is due within `AHEAD_NS`: places of the aircraft and `rid_up` payloads; None for nothing.
+        """The broadcasts due within `AHEAD_NS`: rows of the aircraft and their `rid_up` payloads; None if there are
+        none.
 
-        An aircraft whose autopilot was never heard is not switched on yet, and sends nothing.
+        An aircraft whose autopilot was never heard counts as not powered yet, and sends nothing.
         """
         table = beliefs.table
         places: list[Ints] = []
         payloads: list[Payloads] = []
         until = now + AHEAD_NS
         due = np.flatnonzero(self.due_ns < until)
-        self._take_off(due, table)
+        self._update_takeoff(due, table)
         while due.size:
-            key = self._cycle[due] * _MOST_SLOTS + self._slot[due]
+            key = self._cycle[due] * _MAX_SLOTS + self._slot[due]
             for code in np.unique(key).tolist():
                 rows = due[key == code]
-                each = self.cycles[code // _MOST_SLOTS]
+                each = self.cycles[code // _MAX_SLOTS]
                 at_ns = self.due_ns[rows]
                 self._advance(rows, each, now)
                 on = table["beat_ns"][rows] >= 0
                 rows, at_ns = rows[on], at_ns[on]
                 if rows.size:
-                    _, transport, messages = each.slots[code % _MOST_SLOTS]
+                    _, transport, messages = each.slots[code % _MAX_SLOTS]
                     places.append(rows)
                     payloads.append(self._frames(rows, at_ns, transport, messages, now, table))
             due = np.flatnonzero(self.due_ns < until)
         return (np.concatenate(places), Payloads.join(payloads)) if places else None
 
     def _advance(self, rows: Ints, each: Cycle, now: Time) -> None:
-        """The next slot of those that have just sent; who was left alone for a period does not catch up."""
+        """Move aircraft that have just sent to their next slot; one that is late by a period skips the missed
+        broadcasts.
+        """
         offsets = np.array([part.offset_ns for part in each.slots], dtype=np.int64)
         slot = (self._slot[rows] + 1) % len(offsets)
         begin = self._begin_ns[rows] + np.where(slot == 0, each.period_ns, 0)
@@ -170,20 +176,22 @@ class Broadcaster:
 
     def told(self, rows: Ints, now: Time, beliefs: Beliefs) -> list[tuple[Message, Message]]:
         """The Basic ID and System of some aircraft, as they broadcast them now."""
-        self._take_off(rows, beliefs.table)
+        self._update_takeoff(rows, beliefs.table)
         basic, system = (
             self._message(int(kind), rows, now, beliefs.table) for kind in (MessageType.BASIC_ID, MessageType.SYSTEM)
         )
         return [(decode(one.tobytes()), decode(two.tobytes())) for one, two in zip(basic, system, strict=True)]
 
-    def _take_off(self, rows: Ints, table: Any) -> None:
-        """Where no control station is given, the System message tells where home is, from when it is known."""
+    def _update_takeoff(self, rows: Ints, table: Any) -> None:
+        """Without a given control station, set the take-off location in the System message once the home position is
+        known.
+        """
         rows = rows[~self._fixed[rows] & (table["home_ns"][rows] >= 0) & ~np.isnan(table["geoid_m"][rows])]
         told = table[rows]
         home = np.column_stack(
             (told["home_lat_e7"] * 1e-7, told["home_lon_e7"] * 1e-7, told["home_msl_m"] + told["geoid_m"], rows >= 0)
         )
-        # the receiver's heights waver: half a metre, the resolution, is no other place
+        # the receiver's heights fluctuate: half a metre, the resolution, is not another position
         moved = (np.abs(home - self._takeoff[rows]) > (1e-7, 1e-7, 0.5, 0.5)).any(axis=1)
         for row, (lat, lon, alt, _) in zip(rows[moved].tolist(), home[moved].tolist(), strict=True):
             self._takeoff[row] = (lat, lon, alt, 1.0)
@@ -191,12 +199,12 @@ class Broadcaster:
                 self._system[row] = rows_of([encode(System(OperatorLocationType.TAKEOFF, lat, lon, alt))])[0]
 
     def troubles(self, now: Time, beliefs: Beliefs) -> Ints:
-        """(n,) why each aircraft's Remote ID is not serviceable (14 CFR 89.310(c)): a place in `TROUBLES`."""
+        """(n,) why each aircraft's Remote ID is not serviceable (14 CFR 89.310(c)): an index into `TROUBLES`."""
         told = beliefs.table
         placed = fresh(told["place_ns"], now, PLACE_NS)
         high, timed = ~np.isnan(told["geoid_m"]), utc_us(told, told["boot_ms"]) >= 0
         rows = np.flatnonzero(self.of_autopilot & fresh(told["own_ns"], now, PLACE_NS))
-        if rows.size:  # what they send is the autopilot's own
+        if rows.size:  # they broadcast the autopilot's own Location
             lacks = np.isnan(told["own_numbers"][rows])
             placed[rows], high[rows], timed[rows] = (~lacks[:, NUMBERS.index(name)] for name in _NEEDED)
         sets = [
@@ -212,7 +220,7 @@ class Broadcaster:
 
 
 _NEEDED: Final = ("lat_deg", "alt_geo_m", "timestamp_s")
-"""What a Location of the autopilot's own must say."""
+"""What a Location made by the autopilot must contain."""
 TROUBLES: Final = (
     "",
     "no transmitter",
@@ -223,7 +231,7 @@ TROUBLES: Final = (
     "LOC: no time",
     "OP_LOC: no operator location",
 )
-"""What OPEN_DRONE_ID_ARM_STATUS says, the first that holds."""
+"""The texts of OPEN_DRONE_ID_ARM_STATUS, the first that applies."""
 
 
 def _system(broadcast: Broadcast) -> System:
@@ -233,9 +241,12 @@ def _system(broadcast: Broadcast) -> System:
 
 
 def locations(told: Any, now: Time, of_autopilot: NDArray[np.bool_]) -> Bodies:
-    """(n, 25) Location messages of beliefs (rows of `BELIEF`); the autopilot's own, while it says one, where asked."""
+    """(n, 25) Location messages of beliefs (rows of `BELIEF`).
+
+    For rows with `of_autopilot` the autopilot's own Location is used as long as it sends one.
+    """
     numbers, codes = np.empty((len(NUMBERS), len(told))), np.empty((len(CODES), len(told)), dtype=np.uint8)
-    _say(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
+    _location_values(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
     if of_autopilot.any():
         own = of_autopilot & fresh(told["own_ns"], now, PLACE_NS)
         numbers[:, own], codes[:, own] = told["own_numbers"][own].T, told["own_codes"][own].T
@@ -243,7 +254,7 @@ def locations(told: Any, now: Time, of_autopilot: NDArray[np.bool_]) -> Bodies:
 
 
 @kernel
-def _say(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
+def _location_values(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
     """Fill the columns of `encode_locations`."""
     for i in range(told.shape[0]):
         row = told[i]

@@ -1,8 +1,8 @@
-"""What is broadcast how often, and over what? Profiles of regulations, and who an aircraft says it is.
+"""Broadcast profiles: messages, rates and transports that regulations require, and the identity of an aircraft.
 
-`us` is 14 CFR 89.305 and 89.310: every element at least once a second, on the air too. `astm` is F3411-22a: what moves
-once a second, what does not every three. Packs (Bluetooth 5, Wi-Fi) hold all that is due; Bluetooth 4 carries one
-message at a time, spread evenly.
+`us` is 14 CFR 89.305 and 89.310: every element at least once a second, counted on the air. `astm` is F3411-22a:
+dynamic messages once a second, static ones every three. Packs (Bluetooth 5, Wi-Fi) hold everything that is due;
+Bluetooth 4 carries one message at a time, spread evenly.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ TRANSPORTS: Final = {
     "bt4": (Transport.BT4,),
     "bluetooth": (Transport.BT4, Transport.BT5),
 }
-"""By name; F3411-22a asks that Bluetooth 4 and 5 are sent together."""
+"""Transports by name; F3411-22a requires that Bluetooth 4 and 5 are sent together."""
 US_NS: Final[Time] = 980 * NS_PER_MS
-"""From each element of `us` to the same again. On the air an advertisement comes up to 10 ms later than it was asked
-for (advDelay, Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1), and a Wi-Fi frame when the channel is free: 20 ms are
-left for that, so that a second is kept there too."""
+"""Period of each element of `us`. On the air an advertisement comes up to 10 ms later than it was requested (advDelay,
+Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1), and a Wi-Fi frame when the channel is free: 20 ms are left for that, so
+that the interval stays within a second on the air too."""
 STATIC_S: Final = 3
 """F3411-22a: static messages at least every 3 s."""
 _MAKER: Final = "SKYR"
-"""Stands where ANSI/CTA-2063-A has the manufacturer's code."""
+"""Used in place of the manufacturer's code of ANSI/CTA-2063-A."""
 _ALPHABET: Final = "0123456789ABCDEFGHJKLMNPQRSTUVWXYZ"
 """ANSI/CTA-2063-A leaves out I and O."""
 
 
 @dataclass(frozen=True, slots=True)
 class Broadcast:
-    """How one aircraft broadcasts. Raises `InputError` for what cannot be.
+    """How one aircraft broadcasts. Raises `InputError` for invalid values.
 
     `operator_place` is the control station: latitude and longitude in degrees, height above the ellipsoid in metres;
-    without one, the take-off location stands for it, as 14 CFR 89.315 has it of broadcast modules.
+    without one, the take-off location is broadcast, as 14 CFR 89.315 requires of broadcast modules.
     """
 
     vehicle: str
@@ -52,10 +52,10 @@ class Broadcast:
     ua_type: int = UaType.HELICOPTER_OR_MULTIROTOR
     profile: str = "us"
     transports: tuple[str, ...] = ("wifi_beacon",)
-    """Keys of `TRANSPORTS`; none: it does not broadcast."""
+    """Keys of `TRANSPORTS`; without any the aircraft does not broadcast."""
     operator_place: tuple[float, float, float] | None = None
     operator_id: str = ""
-    """Sent where it is given, as the text below."""
+    """Sent if given, as is the text below."""
     text: str = ""
     of_autopilot: bool = False
     """Whether the autopilot makes the Location itself (Open Drone ID, DID_ENABLE), as this transmitter then says it."""
@@ -65,13 +65,13 @@ class Broadcast:
         if self.profile not in PROFILES:
             faults.append(Fault("profile", self.profile, "us or astm", nearest(self.profile, PROFILES)))
         faults += [
-            Fault("transports", name, "a way to broadcast", nearest(name, TRANSPORTS))
+            Fault("transports", name, "a known transport", nearest(name, TRANSPORTS))
             for name in self.transports
             if name not in TRANSPORTS
         ]
         kinds = [kind for name in self.transports for kind in TRANSPORTS.get(name, ())]
         if len(set(kinds)) != len(kinds):
-            faults.append(Fault("transports", ", ".join(self.transports), "each way once"))
+            faults.append(Fault("transports", ", ".join(self.transports), "each transport once"))
         if self.id_type == IdType.SERIAL_NUMBER and self.uas_id and not is_serial_number(self.uas_id):
             faults.append(Fault("uas_id", self.uas_id, "a serial number by ANSI/CTA-2063-A", "Or set id_type."))
         for name, length in (("uas_id", 20), ("operator_id", 20), ("text", 23)):
@@ -83,12 +83,12 @@ class Broadcast:
 
     @property
     def id(self) -> str:
-        """What its Basic ID says."""
+        """The identifier in its Basic ID."""
         return self.uas_id or serial_number(self.vehicle)
 
 
 def serial_number(vehicle: str) -> str:
-    """A serial number of ANSI/CTA-2063-A's form, always the same for a vehicle id: maker, length F, 15 characters."""
+    """A serial number in the form of ANSI/CTA-2063-A, fixed by the vehicle id: maker, length F, 15 characters."""
     left = hash64(f"serial/{vehicle}") << 64 | hash64(f"number/{vehicle}")
     text = ""
     for _ in range(15):
@@ -98,7 +98,7 @@ def serial_number(vehicle: str) -> str:
 
 
 def address_of(node: str) -> bytes:
-    """The 6 bytes a node sends from, the same over Wi-Fi and Bluetooth: made of its name.
+    """The 6-byte sender address of a node, derived from its name; the same over Wi-Fi and Bluetooth.
 
     A locally administered unicast address (IEEE 802-2014, 8.2) that is also a random static one (Bluetooth Core 5.4,
     Vol 6 Part B, 1.3.2.1): the first byte is 11xxxx10.
@@ -114,18 +114,18 @@ class Slot(NamedTuple):
     offset_ns: Time
     transport: int
     messages: tuple[int, ...]
-    """`MessageType`s: a pack, or the one message of Bluetooth 4."""
+    """`MessageType`s: those of a pack, or the one message of Bluetooth 4."""
 
 
 class Cycle(NamedTuple):
-    """What is sent again and again: slots in their order within a period."""
+    """A schedule that repeats every period: slots in order of their offset."""
 
     period_ns: Time
     slots: tuple[Slot, ...]
 
 
 def cycle(broadcast: Broadcast) -> Cycle:
-    """The cycle of an aircraft's profile, transports and messages."""
+    """The broadcast schedule for an aircraft's profile, transports and messages."""
     static = [int(MessageType.BASIC_ID), int(MessageType.SYSTEM)]
     if broadcast.operator_id:
         static.append(int(MessageType.OPERATOR_ID))

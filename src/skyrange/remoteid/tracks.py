@@ -1,8 +1,9 @@
-"""Whom does a receiver hear? Tracks from received Remote ID broadcasts, for many receivers at once.
+"""Track tables: tracks from received Remote ID broadcasts, for many receivers at once.
 
-A track stands for one claimed identifier from one sender address. Nothing in it is true for certain: it is what
-somebody broadcast. So it is bounded (a flood of invented aircraft displaces the weakest only), it is forgotten when no
-more is heard, and what no aircraft can say is marked and kept out of avoidance.
+A track stands for one claimed identifier from one sender address. None of its contents is certain: anybody can
+broadcast anything. So the number of tracks is bounded (a flood of invented aircraft displaces the weakest only), a
+track is dropped when no more is received, and tracks with values that no aircraft can have are marked and kept out of
+avoidance.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds
 Floats = NDArray[np.float64]
 
 STALE_S: Final = 10.0
-"""A track is dropped when nothing was heard for so long: ten broadcasts of an aircraft that sends at 1 Hz."""
+"""A track is dropped when nothing was received for this long: ten broadcasts of an aircraft that sends at 1 Hz."""
 MOST: Final = 64
-"""Tracks a receiver holds at once."""
+"""Tracks that a receiver holds at once."""
 
 TRACK: Final = np.dtype(
     [
-        ("heard_ns", "i8"),  # last message of any kind; -1: the place is free
+        ("heard_ns", "i8"),  # last message of any kind; -1: the slot is free
         ("located_ns", "i8"),  # last Location; -1 none
         ("address", "i8"),  # 48 bits
         ("id_a", "u8"), ("id_b", "u8"), ("id_c", "u8"),  # 20 bytes of text and 4 zeros
@@ -39,29 +40,29 @@ TRACK: Final = np.dtype(
         ("ve", "f8"), ("vn", "f8"), ("vu", "f8"),  # m/s; NaN unknown
         ("rssi_dbm", "f8"),  # NaN unknown
         ("status", "i8"), ("transport", "i8"),
-        ("odd", "i8"),  # 1: the last Location said something impossible
+        ("odd", "i8"),  # 1: the last Location held an impossible value
         ("ref", "i8"), ("serial", "i8"),  # the frame of that Location (`agent.refs`)
     ]
 )  # fmt: skip
-"""One track, in the table's own units."""
+"""One track, in the units of the table."""
 
 
 class Seen(NamedTuple):
     """The tracks of one receiver at one time: k rows in the order of `slot`."""
 
     slot: Ints
-    """Where each stands in the receiver's table."""
+    """Index of each track in the receiver's table."""
     uas_id: NDArray[np.bytes_]
-    """(k,) S20; b"" where no Basic ID was heard."""
+    """(k,) S20; b"" if no Basic ID was received."""
     address: Ints
     pos_enu_m: Floats
-    """(k, 3) as of now, at the velocity that was broadcast; an unknown height is NaN."""
+    """(k, 3) extrapolated to the given time at the broadcast velocity; an unknown height is NaN."""
     vel_enu_mps: Floats
-    """(k, 3), 0 where unknown."""
+    """(k, 3), 0 if unknown."""
     age_s: Floats
     """Since the last Location was received."""
     rssi_dbm: Floats
-    """NaN where unknown."""
+    """NaN if unknown."""
     status: Ints
 
 
@@ -69,24 +70,25 @@ class Heard(NamedTuple):
     """Received broadcasts, one per row, as `TrackTable.update` takes them."""
 
     receiver: Ints
-    """Which of the table's receivers."""
+    """Index of the table's receiver."""
     at_ns: Ints
     """End of reception."""
     rid: RidColumns
     said: LocationColumns
     ref: Ints
     serial: Ints
-    """Which frame it was (`agent.refs.RefBook`)."""
+    """The frame of the broadcast (`agent.refs.RefBook`)."""
 
 
 @kernel
-def _slot(
+def _find_slot(
     rows: Any, r: int, used: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int,
     rssi: float,
 ) -> tuple[int, bool]:  # fmt: skip
-    """Where a broadcast belongs: its own track's place, a free one, or that of the weakest (True); -1 none is weaker.
+    """The slot for a broadcast: that of its own track, a free one, or that of the weakest track (True); -1 if none is
+    weaker.
 
-    From place `used` on none was ever taken.
+    Slots from `used` on were never taken.
     """
     free, nameless, same, weakest = -1, -1, -1, -1
     for k in range(used):
@@ -121,15 +123,17 @@ def _slot(
 
 
 @kernel
-def _take(
+def _update_tracks(
     rows: Any, used: Ints, counts: Ints, stale_ns: int, receiver: Ints, at_ns: Ints, address: Ints,
     named: NDArray[np.bool_], ids: NDArray[np.uint64], located: NDArray[np.bool_], place: Floats, rssi: Floats,
     status: NDArray[np.uint8], transport: NDArray[np.uint8], odd: NDArray[np.bool_], ref: Ints, serial: Ints,
 ) -> None:  # fmt: skip
-    """Write broadcasts into tracks, in order; `counts` (n, 3) are refused, displaced and odd ones by receiver."""
+    """Write broadcasts into tracks, in order; `counts` (n, 3) are refused, displaced and impossible
+    ones by receiver.
+    """
     for i in range(receiver.shape[0]):
         r = receiver[i]
-        k, displaces = _slot(
+        k, displaces = _find_slot(
             rows, r, used[r], at_ns[i], stale_ns, address[i], named[i], ids[i, 0], ids[i, 1], ids[i, 2],
             -math.inf if math.isnan(rssi[i]) else rssi[i],
         )  # fmt: skip
@@ -153,7 +157,7 @@ def _take(
         if located[i]:
             row.located_ns = at_ns[i]
             row.east, row.north, row.up = place[i, 0], place[i, 1], place[i, 2]
-            row.ve = row.vn = 0.0  # who stands has no course, and needs none
+            row.ve = row.vn = 0.0  # an aircraft at rest has no course
             if place[i, 3] != 0.0:
                 row.ve, row.vn = place[i, 3] * math.sin(place[i, 4]), place[i, 3] * math.cos(place[i, 4])
             row.vu = place[i, 5]
@@ -165,10 +169,12 @@ def _take(
 
 
 class TrackTable:
-    """The tracks of `count` receivers. One receiver's never depend on what others hear. Deep-copyable."""
+    """The tracks of `count` receivers. The tracks of one receiver never depend on what others
+    receive. Deep-copyable.
+    """
 
     def __init__(self, count: int, origin: Origin, most: int = MOST, stale_s: float = STALE_S) -> None:
-        """`origin`, with its geoid, is where local metres are counted from; `most` tracks per receiver."""
+        """`origin`, with its geoid, is the origin of local metres; `most` tracks per receiver."""
         self.origin = origin
         self.stale_ns: Time = from_seconds(stale_s)
         self.rows: NDArray[Any] = np.zeros((count, most), dtype=TRACK)
@@ -177,12 +183,14 @@ class TrackTable:
         self.rows["located_ns"] = -1
         self.rows["ref"] = NO_REF
         self.used: Ints = np.zeros(count, dtype=np.int64)
-        """(count,): places from there on were never taken."""
+        """(count,): slots from there on were never taken."""
         self.counts: Ints = np.zeros((count, 3), dtype=np.int64)
-        """(count, 3): broadcasts refused for want of room, tracks displaced by stronger ones, impossible Locations."""
+        """(count, 3): broadcasts refused for lack of room, tracks displaced by stronger ones, impossible Locations."""
 
     def update(self, heard: Heard) -> None:
-        """Take in broadcasts, in order; rows that are bad or say neither who nor where are passed over."""
+        """Take in broadcasts in their order; malformed rows and those with neither identity nor
+        position are skipped.
+        """
         said, rid = heard.said, heard.rid
         keep = np.flatnonzero(rid.good & (said.found | said.has_id))
         if not keep.size:
@@ -194,14 +202,14 @@ class TrackTable:
         ids[:, :20] = np.ascontiguousarray(said.uas_id[keep]).view(np.uint8).reshape(-1, 20)
         rssi = np.where(rid.rssi_cdbm[keep] == -32768, np.nan, rid.rssi_cdbm[keep] * 0.01)
         odd = impossible(said)[keep]
-        _take(
+        _update_tracks(
             self.rows, self.used, self.counts, self.stale_ns, heard.receiver[keep], heard.at_ns[keep], address,
-            said.has_id[keep], ids.view(np.uint64), said.found[keep], self._local(said, keep), rssi,
+            said.has_id[keep], ids.view(np.uint64), said.found[keep], self._local_motion(said, keep), rssi,
             said.status[keep], rid.transport[keep], odd, heard.ref[keep], heard.serial[keep],
         )  # fmt: skip
 
-    def _local(self, said: LocationColumns, keep: Ints) -> Floats:
-        """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN where unknown."""
+    def _local_motion(self, said: LocationColumns, keep: Ints) -> Floats:
+        """(n, 6) east, north, up in m, speed in m/s, course in rad, climb in m/s; NaN if unknown."""
         out = np.empty((len(keep), 6))
         lat, lon = said.lat_deg[keep], said.lon_deg[keep]
         lat = np.where(np.abs(lat) <= 90.0, lat, np.nan)
@@ -212,15 +220,15 @@ class TrackTable:
         return out
 
     def live(self, receiver: int, now: Time) -> NDArray[np.bool_]:
-        """(most,) which places hold a track that is not stale."""
+        """(most,) which slots hold a track that is not stale."""
         heard = self.rows["heard_ns"][receiver]
         held: NDArray[np.bool_] = (heard >= 0) & (now - heard <= self.stale_ns)
         return held
 
     def seen(self, receiver: int, now: Time, odd: bool = False, grounded: bool = True) -> Seen:
-        """The tracks whose place is known; with `odd`, also those that said something impossible.
+        """The tracks whose position is known; with `odd`, also those with impossible values.
 
-        Without `grounded` only those that do not say that they stand on the ground.
+        Without `grounded`, tracks with the status "on the ground" are left out.
         """
         rows = self.rows[receiver]
         good = self.live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
@@ -238,7 +246,9 @@ class TrackTable:
 
 
 def impossible(said: LocationColumns) -> NDArray[np.bool_]:
-    """(n,) whether a Location says what none can: see `f3411.faults`; a saturated speed (254.25 m/s) is among it."""
+    """(n,) whether a Location holds impossible values (see `f3411.faults`), including a saturated
+    speed (254.25 m/s).
+    """
     odd = (np.abs(said.lat_deg) > 90.0) | (np.abs(said.lon_deg) > 180.0)
     odd |= said.status > Status.REMOTE_ID_SYSTEM_FAILURE
     odd |= (said.speed_mps >= values.SPEED_MAX_MPS) | (np.abs(said.vertical_mps) >= values.VERTICAL_MAX_MPS)

@@ -1,1 +1,1 @@
-"""Who flies: the builtin autopilot, and what else is on board (proxy and companion, as routes)."""
+"""Vehicles: autopilots of several kinds, companion computers, and the routes and links on board."""

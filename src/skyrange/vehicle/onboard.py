@@ -1,7 +1,7 @@
-"""What else is on board? Proxy and companion as declared routes, and the links that tie an aircraft together.
+"""On-board network of an aircraft: proxy and companion as declared routes, and the links that connect them.
 
-Up: autopilot → proxy → companion → ground station; down the same way back. The proxy also copies to `rid_data` what
-the Remote ID broadcast is made of. What passes between companion and the air is `vehicle.companion`'s.
+Upwards: autopilot → proxy → companion → ground station; downwards the reverse. The proxy also copies to `rid_data`
+what the Remote ID broadcast is made of. What passes between companion and oracle is `vehicle.companion`'s.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 PROXY_SERVICE_NS: Final[Time] = 0
-"""A MAVLink router (mavlink-router, MAVProxy) waits for its sockets: it forwards when a frame comes."""
+"""A MAVLink router (mavlink-router, MAVProxy) blocks on its sockets: it forwards a frame when it arrives."""
 COMPANION_SERVICE_NS: Final[Time] = 10 * NS_PER_MS
-"""The onboard program polls in its own loop."""
+"""The companion's program polls in its own loop."""
 
 ORACLE: Final = "oracle"
-"""The endpoint that stands for the environment: what is broadcast goes there, what is received comes from there."""
+"""The endpoint of the environment oracle: broadcasts are sent to it, and receptions come from it."""
 
 _ON_BOARD: Final = Channel(mode="reliable", latency_ns=100 * NS_PER_US)
 CHANNELS: Final = {
@@ -50,17 +50,18 @@ RID_MESSAGES: Final = frozenset(
 )
 """What an ASTM F3411 broadcast is made of: status, time, position above the ellipsoid, velocity, take-off.
 
-And where the autopilot flies to, for the companion's avoidance; and the Location that it may make itself."""
+Also the autopilot's current target, for the companion's avoidance, and the Location that an autopilot may make itself.
+"""
 
 
 class _ForRemoteId:
-    """Whether a frame is one that goes to `rid_data`; looks at the header only."""
+    """Whether a frame goes to `rid_data`; reads the header only."""
 
     def __call__(self, payload: bytes) -> bool:
         return message_id(payload) in RID_MESSAGES
 
     def rows(self, payloads: Payloads) -> NDArray[np.bool_]:
-        """The same of many."""
+        """The same for many frames."""
         found: NDArray[np.bool_] = _IS_RID[np.minimum(message_ids(payloads), len(_IS_RID) - 1)]
         return found
 
@@ -69,12 +70,12 @@ class _ForRemoteId:
 
 
 _IS_RID: Final = np.array([number in RID_MESSAGES for number in range(max(RID_MESSAGES) + 2)])
-"""By message id; the last stands for all that are higher."""
+"""By message id; the last element stands for all higher ids."""
 for_remote_id: Final = _ForRemoteId()
 
 
 def routes(vehicle: str) -> list[Route]:
-    """What proxy and companion of a vehicle forward, all of it unaltered."""
+    """The routes of a vehicle's proxy and companion, which forward frames unaltered."""
     proxy, companion = endpoint(vehicle, "proxy"), endpoint(vehicle, "companion")
     autopilot, log = link_name("autopilot", vehicle), link_name("log", vehicle)
     gcs, rid_data = link_name("gcs", vehicle), link_name("rid_data", vehicle)
@@ -99,6 +100,6 @@ def links(vehicle: str, operator: str) -> list[LinkSpec]:
 
 
 def air_links(vehicle: str) -> list[LinkSpec]:
-    """The two between one vehicle's companion and the oracle, with default channels."""
+    """The two links between one vehicle's companion and the oracle, with default channels."""
     ends = {"rid_up": (endpoint(vehicle, "companion"), ORACLE), "rid_down": (ORACLE, endpoint(vehicle, "companion"))}
     return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]

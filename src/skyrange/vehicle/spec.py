@@ -16,11 +16,11 @@ from skyrange.core.time import Epoch
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """One aircraft: `home_enu_m` where it stands at the start, `heading_deg` clockwise from north.
+    """One aircraft: it starts at `home_enu_m`, with `heading_deg` clockwise from north.
 
-    `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter
-    parameters in their own units that replace defaults. `wind_enu_mps` is where the air goes without its gusts, for
-    engines whose dynamics are their own. With a `signing_key` its MAVLink is signed, and commands have to be.
+    `system_id` is its MAVLink system in the operator's network number `network`. `params` are ArduCopter parameters in
+    their own units that replace defaults. `wind_enu_mps` is the steady wind, for engines with dynamics of their own.
+    With a `signing_key` its MAVLink is signed, and commands to it must be signed.
     """
 
     vehicle: str

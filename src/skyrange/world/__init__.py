@@ -1,4 +1,4 @@
-"""Where the aircraft truly are: bodies in air and on the ground, advanced by a fixed quantum."""
+"""World: the true state of all aircraft in the air and on the ground, advanced by a fixed quantum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "SensorSpec", "Wind", "Worl
 
 
 def __getattr__(name: str) -> object:
-    """Import the world only when it is asked for: a schema needs the airframes' names, not a compiler."""
+    """Import the world only on demand: a schema needs the airframes' names, but no compiler."""
     if name == "Body":
         from skyrange.world import bodies
 

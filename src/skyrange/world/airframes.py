@@ -1,13 +1,13 @@
-"""Which airframes are there, and what numbers describe them? One parameter table, every number with its source.
+"""Airframe parameters: one table, every number with its source.
 
-Conventions: body frame forward-left-up, motors numbered and spinning as in ArduCopter's QUAD X
-(ArduPilot `SIM_Frame.cpp`, `quad_x_motors`): 1 front right CCW, 2 rear left CCW, 3 front left CW,
-4 rear right CW, seen from above.
+Conventions: body frame forward-left-up, motors numbered and spinning as in ArduCopter's QUAD X (ArduPilot
+`SIM_Frame.cpp`, `quad_x_motors`): 1 front right CCW, 2 rear left CCW, 3 front left CW, 4 rear right CW, seen from
+above.
 
-Throttle. An actuator command u in 0…1 is the ESC signal above its minimum. In steady state a rotor gives
-the fraction `(1 - e)·u + e·u²` of its full thrust, e being `thrust_expo`: the curve that ArduPilot's
-`SIM_Motor.cpp` (`Motor::calc_thrust`) flies and its `MOT_THST_EXPO` inverts. Thrust is k·ω², so the rotor's
-speed settles at `rotor_max_radps · sqrt((1 - e)·u + e·u²)`; e = 1 is a speed linear in u (Gazebo's map).
+Throttle. An actuator command u in 0…1 is the ESC signal above its minimum. In steady state a rotor gives the fraction
+`(1 - e)·u + e·u²` of its full thrust, e being `thrust_expo`: the curve that ArduPilot's `SIM_Motor.cpp`
+(`Motor::calc_thrust`) uses and its `MOT_THST_EXPO` inverts. Thrust is k·ω², so the rotor's speed settles at
+`rotor_max_radps · sqrt((1 - e)·u + e·u²)`; e = 1 is a speed linear in u (Gazebo's map).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MOTORS = 4
 
 @dataclass(frozen=True, slots=True)
 class Rotor:
-    """Where a rotor sits from the centre of gravity, and how it turns."""
+    """Position of a rotor from the centre of gravity, and its direction of rotation."""
 
     forward_m: float
     left_m: float
@@ -35,7 +35,7 @@ class Rotor:
 
 @dataclass(frozen=True, slots=True)
 class Airframe:
-    """One row of the table. Derived figures are properties, so they cannot contradict it."""
+    """One row of the table. Derived values are properties, so that they cannot contradict it."""
 
     name: str
     mass_kg: float
@@ -46,20 +46,20 @@ class Airframe:
     thrust_ns2: float
     """Newton per (rad/s)² of one rotor."""
     torque_arm_m: float
-    """Drag torque of a rotor over its thrust."""
+    """Drag torque of a rotor divided by its thrust."""
     rotor_max_radps: float
     tau_up_s: float
-    """First-order lag of rotor speed when speeding up."""
+    """First-order lag of rotor speed while speeding up."""
     tau_down_s: float
-    """The same when slowing down."""
+    """The same while slowing down."""
     thrust_expo: float
     """Curve from command to thrust, 0 linear … 1 quadratic (see module)."""
     rotor_drag_ns2: float
     """In-plane force of one rotor per (rad/s of its speed · m/s of air across its disc), in N·s²."""
     drag_area_m2: float
-    """Drag coefficient times area: body drag is ½·ρ·area·|v|·v, the same from all sides."""
+    """Drag coefficient times area: body drag is ½·ρ·area·|v|·v, equal in all directions."""
     gear_half_track_m: float
-    """Half the width of the stance: the lever with which the ground holds the aircraft level."""
+    """Half the width of the landing gear: the lever arm with which the ground holds the aircraft level."""
     cg_height_m: float
     """Centre of gravity above the ground when standing."""
     friction: float
@@ -74,38 +74,40 @@ class Airframe:
     resistance_ohm: float
     """Of the battery and its wires."""
     drive_efficiency: float
-    """Shaft power over the battery's, of motors and their controllers."""
+    """Shaft power divided by battery power, of motors and their controllers."""
     avionics_w: float
-    """Drawn as long as the battery lasts."""
+    """Drawn until the battery is empty."""
 
     @property
     def radius_m(self) -> float:
-        """Of the upright cylinder that holds it, propellers and all: what collides."""
+        """Radius of the upright cylinder that encloses it, propellers included, used for collisions."""
         return self.arm_m + self.propeller_m
 
     @property
     def arm_m(self) -> float:
-        """From the middle to the farthest rotor."""
+        """From the centre to the farthest rotor."""
         return max(math.hypot(rotor.forward_m, rotor.left_m) for rotor in self.rotors)
 
     @property
     def max_thrust_n(self) -> float:
-        """All rotors at full speed."""
+        """Thrust of all rotors at full speed."""
         return len(self.rotors) * self.thrust_ns2 * self.rotor_max_radps**2
 
     @property
     def hover_thrust(self) -> float:
-        """Fraction of full thrust that carries the weight: what ArduCopter calls hover throttle (`MOT_THST_HOVER`)."""
+        """Fraction of full thrust that balances the weight: what ArduCopter calls hover throttle (`MOT_THST_HOVER`)."""
         return self.mass_kg * GRAVITY_MPS2 / self.max_thrust_n
 
     @property
     def hover_command(self) -> float:
-        """Actuator command at which the thrust carries the weight."""
+        """Actuator command at which the thrust balances the weight."""
         return self.command_for(self.hover_thrust)
 
     @property
     def tip_angle_rad(self) -> float:
-        """Tilt on the ground beyond which it falls over: the centre of gravity leaves the stance."""
+        """Tilt on the ground beyond which the aircraft tips over, because the centre of gravity leaves the gear's
+        base.
+        """
         return math.atan2(self.gear_half_track_m, self.cg_height_m)
 
     def command_for(self, thrust: float) -> float:
@@ -118,7 +120,7 @@ class Airframe:
 
 _DRIVE_EFFICIENCY = 0.8
 """An assumption, 0.85 for a brushless motor and 0.95 for its controller; with it the Iris+ and the Hummingbird hover
-for as long as their makers say (tests/validation)."""
+for as long as their manufacturers state (tests/validation)."""
 
 
 def _x_frame(arm_m: float) -> tuple[Rotor, ...]:

@@ -1,13 +1,14 @@
-"""How does a battery give out? Charge, voltage under load and what is left for the motors, in one kernel.
+"""Battery model: charge, voltage under load, and the rotor speed that the voltage allows, in one kernel.
 
-A resting voltage over charge in series with a resistance. The resting voltage is ArduPilot's table of a lithium polymer
-cell (libraries/SITL/SIM_Battery.cpp, `soc_table`). The load is electrical power: what the rotors did against the air
-(torque times speed) over the efficiency of motors and controllers, plus the avionics. With E the resting voltage and
-R the resistance, P = V·I and V = E - R·I give V = (E + √(E² - 4·R·P)) / 2, and no more power than E²/4R.
+A resting voltage that depends on charge, in series with a resistance. The resting voltage is ArduPilot's table of a
+lithium polymer cell (libraries/SITL/SIM_Battery.cpp, `soc_table`). The load is electrical power: the rotors'
+aerodynamic power (torque times speed) divided by the efficiency of motors and controllers, plus the avionics. With E
+the resting voltage and R the resistance, P = V·I and V = E - R·I give V = (E + √(E² - 4·R·P)) / 2, and at most the
+power E²/4R.
 
-A rotor's speed at full command goes with the voltage, as in ArduPilot's SIM_Motor.cpp (`voltage_scale`): the table of
-airframes has it at 3.7 V a cell. An empty battery stops the motors and stays empty. Left out: temperature, ageing,
-recovery after load, and the rotors' own inertia.
+A rotor's speed at full command is proportional to the voltage, as in ArduPilot's SIM_Motor.cpp (`voltage_scale`): the
+table of airframes gives it at 3.7 V per cell. An empty battery stops the motors and stays empty. Left out:
+temperature, ageing, recovery after load, and the rotors' own inertia.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from skyrange.world.airframes import MOTORS, Airframe
 Floats = NDArray[np.float64]
 
 BATTERY_NS = 10_000_000
-"""How often voltage and charge are worked out: as often as an autopilot reads them."""
+"""Interval at which voltage and charge are computed: as often as an autopilot reads them."""
 RATED_V = 3.7
 """Per cell: a lithium polymer cell's nominal voltage, at which `Airframe.rotor_max_radps` holds."""
 
@@ -58,7 +59,7 @@ def battery_row(airframe: Airframe) -> list[float]:
 
 @kernel
 def resting_v(charge: float) -> float:
-    """Volts of a resting cell, linear between the table's rows."""
+    """Voltage of a resting cell, linear between the table's rows."""
     row = RESTING.shape[0] - 2
     while row > 0 and RESTING[row, 0] > charge:
         row -= 1
@@ -79,10 +80,10 @@ def discharge(
     amperes: Floats,
     limit: Floats,
 ) -> None:
-    """Draw what the last `step_s` seconds took (0 only reads), and say how fast rotors can turn on what is left.
+    """Subtract the energy of the last `step_s` seconds (0 only reads), and compute the rotor speeds at full command.
 
-    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,), `alive` (n, motors) 0 where a motor is lost,
-    `work_j` (n,) taken and cleared, `charge` (n,) 0…1, `volts` and `amperes` (n,), `limit` (n, motors) in rad/s.
+    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,), `alive` (n, motors) 0 where a motor is
+    lost, `work_j` (n,) used and cleared, `charge` (n,) 0…1, `volts` and `amperes` (n,), `limit` (n, motors) in rad/s.
     """
     for i in range(charge.shape[0]):
         p = parameters[airframe[i]]

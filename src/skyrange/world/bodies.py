@@ -1,4 +1,4 @@
-"""What aircraft does a world begin with, and is that possible?"""
+"""Initial state of a world: the aircraft in it, and its validation."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """One aircraft and where it stands at the start.
+    """One aircraft and its position at the start.
 
-    `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors
-    off. `heading_deg` is clockwise from north; `charge` is the battery's, 0 to 1.
+    `up_m` is the height of its gear above the ground; above 0 it starts in the air, at rest, motors off. `heading_deg`
+    is clockwise from north; `charge` is the battery's, 0 to 1.
     """
 
     vehicle: str
@@ -34,7 +34,7 @@ class Body:
 
 
 def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:
-    """Raise one InputError with all faults of a world's arguments."""
+    """Raise one `InputError` with all problems of a world's arguments."""
     faults = []
     seen: set[str] = set()
     for body in bodies:

@@ -1,19 +1,20 @@
-"""Who touches whom or what in a tick, and what comes of it? Swept cylinders, aircraft against aircraft and buildings.
+"""Collision detection and response: swept cylinders, aircraft against aircraft and against buildings.
 
 An aircraft is an upright cylinder from the bottom of its gear to its top, as wide as its propeller tips reach. In a
-tick each moves along a straight line, and so does one seen from another: when two cylinders overlap is a quadratic in
-the plane and a line upwards, solved exactly, so nothing passes through anything at any speed. Against walls the path
-is looked at every half radius, which a disc cannot jump however thin the wall.
+tick each aircraft moves along a straight line, and so does one relative to another: the time of overlap of two
+cylinders is a quadratic in the plane and linear in height, solved exactly, so nothing passes through anything at any
+speed. Against walls the path is sampled at every half radius, which a disc cannot skip however thin the wall.
 
 Contact. Rigid bodies without friction: an impulse J along the normal at the point of contact, with restitution
-`RESTITUTION`, through both masses and inertias, so momentum and, up to `MOST_RADPS`, angular momentum are kept (Baraff,
-"Physically Based Modeling", SIGGRAPH 2001). Aircraft are taken in the order of their ids.
+`RESTITUTION`, through both masses and inertias, so momentum and, up to `MOST_RADPS`, angular momentum are conserved
+(Baraff, "Physically Based Modeling", SIGGRAPH 2001). Aircraft are processed in the order of their ids.
 
-Damage is a modelling choice, for want of published figures: a touched propeller is lost. From the side that is the one
-nearest to the contact and all within 60 degrees of it, from above those under the other's disc, from below none; and
-all of them when the impulse changes the aircraft's speed by more than `WRECK_MPS`.
+Damage is a modelling choice, because no figures are published: a touched propeller is lost. In a contact from the side
+these are the one nearest to the contact and all within 60 degrees of it, from above those under the other's disc, from
+below none; and all of them if the impulse changes the aircraft's speed by more than `WRECK_MPS`.
 
-One whose pose an engine imposes gives no way: it is met as if it weighed without end, and flies on marked as crashed.
+A body whose pose is imposed by an engine does not yield: it is treated as infinitely heavy, and flies on marked as
+crashed.
 """
 
 from __future__ import annotations
@@ -47,18 +48,20 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 RESTITUTION = 0.3
-"""Of speed along the normal: between crushing (0) and bouncing (1); a modelling choice."""
+"""Coefficient of restitution along the normal, 0 inelastic, 1 elastic; a modelling choice."""
 WRECK_MPS = 10.0
-"""A change of speed that leaves no motor running; a modelling choice."""
+"""A change of speed that stops all motors; a modelling choice."""
 MOST_RADPS = 100.0
-"""About each axis: what would spin faster than 16 turns a second breaks instead, and a tick could not follow it."""
-_GENTLE_MPS = 0.05  # a slower touch stops without bounce or damage
+"""Limit about each axis: faster than 16 turns a second an aircraft would break, and a tick could not follow the
+rotation."""
+_GENTLE_MPS = 0.05  # a slower touch causes neither bounce nor damage
 _SIDE_COS = 0.5
 
 WHO, WITH, SPEED, EAST, NORTH, UP, ENERGY = range(7)
-"""Columns of a hit: rows of the two (a building is -1 less its index), relative speed, place, energy."""
+"""Columns of a hit: rows of both bodies (a building is -1 less its index), relative speed, position, energy."""
 GENTLE = -1.0
-"""Energy of a touch that is none to speak of, as of two that rest against each other; its place is not told."""
+"""Energy of a touch without damage, such as of two aircraft that rest against each other; its position is not
+reported."""
 
 
 class Bodies(NamedTuple):
@@ -80,21 +83,21 @@ class Bodies(NamedTuple):
     """(airframes, numbers): `shape_row`."""
     airframe: Ints
     led: NDArray[np.uint8]
-    """(n,) 1 where an engine imposes the pose: nothing pushes such a body."""
+    """(n,) 1 if an engine imposes the pose: nothing pushes such a body."""
     flags: NDArray[np.uint8]
 
 
 @kernel
 def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A local vector seen from the body."""
+    """A vector of the local frame in the body frame."""
     w, a, b, c = q[0], -q[1], -q[2], -q[3]
     tx, ty, tz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
     return x + w * tx + b * tz - c * ty, y + w * ty + c * tx - a * tz, z + w * tz + a * ty - b * tx
 
 
 @kernel
-def _at(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
-    """Of a body at a point `r` from its centre of gravity: speed along `n`, and how it yields to an impulse there."""
+def _contact_response(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
+    """The speed of a body along `n` at a point `r` from its centre of gravity, and its inverse effective mass there."""
     velocity, attitude, rates, p = state.velocity[i], state.attitude[i], state.rates[i], state.shape[state.airframe[i]]
     nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
     rx, ry, rz = _into_body(attitude, r[0], r[1], r[2])
@@ -105,8 +108,8 @@ def _at(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
 
 
 @kernel
-def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
-    """Give one body an impulse along `n` at a point `r` from its centre of gravity; its accelerometer feels it."""
+def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
+    """Apply an impulse along `n` at a point `r` from the centre of gravity; the accelerometer measures it."""
     if state.led[i]:
         return
     attitude, p = state.attitude[i], state.shape[state.airframe[i]]
@@ -128,10 +131,10 @@ def _push(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> 
 
 
 @kernel
-def _lose(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
-    """Take the motors that a contact breaks: `n` points away from it, the rest says where the other's disc is.
+def _break_motors(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
+    """Stop the motors that a contact breaks: `n` points away from it; the last arguments locate the other's disc.
 
-    One whose pose is imposed is marked as crashed instead: what flies it has motors of its own.
+    A body whose pose is imposed is marked as crashed instead, because its motors are outside the world.
     """
     if state.led[i]:
         state.flags[i, CRASHED] = 1
@@ -159,8 +162,10 @@ def _lose(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: fl
 
 
 @kernel
-def _when(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float) -> tuple[float, bool]:
-    """When in 0…1 a cylinder that moves from `d0` to `d1` of another first overlaps it (2 if not), and if sideways."""
+def _first_overlap(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float) -> tuple[float, bool]:
+    """When in 0…1 a cylinder that moves from `d0` to `d1` relative to another first overlaps it (2 if not), and if
+    sideways.
+    """
     vx, vy, vz = d1[0] - d0[0], d1[1] - d0[1], d1[2] - d0[2]
     # in the plane: |d0 + v·t| < radii
     a = vx * vx + vy * vy
@@ -187,21 +192,23 @@ def _when(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float
         return 2.0, False
     if begin >= 0.0:
         return begin, side_in >= up_in
-    # overlapping from the start: the shallower way out is the side it came from
+    # overlapping from the start: it is assumed to have entered through the nearer side
     across = radii - math.sqrt(d0[0] * d0[0] + d0[1] * d0[1])
     return 0.0, across <= min(d0[2] + height_a, height_b - d0[2])
 
 
 @kernel
-def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
-    """Let two aircraft collide if their ways crossed: how far one was pushed, and whether they did."""
+def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+    """Resolve the collision of two aircraft if their paths crossed: how far one was pushed, and
+    whether they collided.
+    """
     a, b = state.shape[state.airframe[i]], state.shape[state.airframe[j]]
     radii = a[RADIUS] + b[RADIUS]
     d0, d1 = np.empty(3), np.empty(3)
     for axis in range(3):
         d0[axis] = state.before[i, axis] - state.before[j, axis]
         d1[axis] = state.position[i, axis] - state.position[j, axis]
-    when, sideways = _when(d0, d1, radii, a[HEIGHT], b[HEIGHT])
+    when, sideways = _first_overlap(d0, d1, radii, a[HEIGHT], b[HEIGHT])
     if when > 1.0:
         return 0.0, False
     n = np.zeros(3)
@@ -223,18 +230,18 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
         p, q = state.before[i, axis], state.before[j, axis]
         pa[axis] = p + when * (state.position[i, axis] - p) + n[axis] * apart * share
         pb[axis] = q + when * (state.position[j, axis] - q) - n[axis] * apart * (1.0 - share)
-    # the point of contact: between the two centres as their sizes are, in the middle of what overlaps
+    # the point of contact: between the centres in proportion to the radii, in the middle of the overlap
     low, high = max(pa[2], pb[2]), min(pa[2] + a[HEIGHT], pb[2] + b[HEIGHT])
     weight = b[RADIUS] / radii
     point = np.array([pb[0] + weight * (pa[0] - pb[0]), pb[1] + weight * (pa[1] - pb[1]), 0.5 * (low + high)])
     ra = np.array([point[0] - pa[0], point[1] - pa[1], point[2] - pa[2] - a[CG]])
     rb = np.array([point[0] - pb[0], point[1] - pb[1], point[2] - pb[2] - b[CG]])
-    speed_a, yield_a = _at(i, state, ra, n)
-    speed_b, yield_b = _at(j, state, rb, n)
+    speed_a, yield_a = _contact_response(i, state, ra, n)
+    speed_b, yield_b = _contact_response(j, state, rb, n)
     closing = speed_b - speed_a
     if closing <= 0.0:  # parting already
         return 0.0, False
-    for axis in range(3):  # the rest of the tick is lost to both: it ends where they met
+    for axis in range(3):  # for both the tick ends where they met
         if not led_a:
             state.position[i, axis] = pa[axis]
         if not led_b:
@@ -246,14 +253,14 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
     impulse = 0.0
     if not (led_a and led_b):
         impulse = (1.0 + bounce) * closing / ((0.0 if led_a else yield_a) + (0.0 if led_b else yield_b))
-    _push(i, state, ra, n, impulse, step_s)
-    _push(j, state, rb, n, -impulse, step_s)
+    _apply_impulse(i, state, ra, n, impulse, step_s)
+    _apply_impulse(j, state, rb, n, -impulse, step_s)
     apart = 0.0 if led_a and led_b else apart
     hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), GENTLE
     if closing <= _GENTLE_MPS:
         return apart, True
-    _lose(i, state, n, pb[0], pb[1], b[RADIUS], impulse / a[MASS])
-    _lose(j, state, -n, pa[0], pa[1], a[RADIUS], impulse / b[MASS])
+    _break_motors(i, state, n, pb[0], pb[1], b[RADIUS], impulse / a[MASS])
+    _break_motors(j, state, -n, pa[0], pa[1], a[RADIUS], impulse / b[MASS])
     reduced = a[MASS] * b[MASS] / (a[MASS] + b[MASS])
     hit[ENERGY] = 0.5 * reduced * relative
     hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
@@ -261,8 +268,8 @@ def _meet(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float
 
 
 @kernel
-def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
-    """Let one aircraft collide with the first building its way meets: as `_meet`."""
+def _collide_building(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+    """Resolve the collision of one aircraft with the first building on its path; returns as `_collide_pair`."""
     p = state.shape[state.airframe[i]]
     radius, height = p[RADIUS], p[HEIGHT]
     start, move = state.before[i].copy(), state.position[i] - state.before[i]
@@ -281,7 +288,7 @@ def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tup
             inside, away, near_e, near_n = footprint(walls, b, q[0], q[1])
             if not inside and away >= radius:
                 continue
-            # out by the shortest way
+            # out by the shortest path
             n = np.zeros(3)
             depth = radius + away if inside else radius - away
             lift, drop = top - q[2], q[2] + height - base
@@ -306,17 +313,17 @@ def _strike(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tup
             if n[2] != 0.0:
                 point[2] = top if n[2] > 0.0 else base
             r = np.array([point[0] - place[0], point[1] - place[1], point[2] - place[2] - p[CG]])
-            speed, yields = _at(i, state, r, n)
+            speed, yields = _contact_response(i, state, r, n)
             if speed >= 0.0:
                 return depth, False
             v = state.velocity[i]
             total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
             impulse = -(1.0 + (RESTITUTION if speed < -_GENTLE_MPS else 0.0)) * speed / yields
-            _push(i, state, r, n, impulse, step_s)
+            _apply_impulse(i, state, r, n, impulse, step_s)
             hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), GENTLE
             if speed >= -_GENTLE_MPS:
                 return depth, True
-            _lose(i, state, n, place[0], place[1], math.inf, impulse / p[MASS])
+            _break_motors(i, state, n, place[0], place[1], math.inf, impulse / p[MASS])
             hit[ENERGY] = 0.5 * p[MASS] * total
             hit[EAST], hit[NORTH], hit[UP] = point[0], point[1], point[2]
             return depth, True
@@ -334,9 +341,10 @@ def touch(
     wall_due: Floats,
     state: Any,
 ) -> tuple[Floats, float]:
-    """Look at all that is due and let collide what does: the hits (k, 7) in the order of ids, and the longest push.
+    """Check all pairs and walls that are due and resolve their collisions.
 
-    `state` is a `Bodies`; `pair_due` and `wall_due` are set anew for what was looked at.
+    Returns the hits (k, 7) in the order of ids, and the longest push. `state` is a `Bodies`; `pair_due` and `wall_due`
+    are updated for what was checked.
     """
     hits = np.empty((2 * pairs.shape[0] + wall_due.shape[0], 7))
     count = 0
@@ -345,9 +353,9 @@ def touch(
         if travelled <= pair_due[k]:
             continue
         i, j = pairs[k, 0], pairs[k, 1]
-        push, met = _meet(i, j, state, step_s, hits[count])
+        push, met = _collide_pair(i, j, state, step_s, hits[count])
         longest = max(longest, push)
-        state.way[i] += 2.0 * push  # along the axes a push is less than twice its length
+        state.way[i] += 2.0 * push  # summed over the axes a push is less than twice its length
         state.way[j] += 2.0 * push
         if met:
             hits[count + 1] = hits[count]
@@ -361,7 +369,7 @@ def touch(
             i = order[k]
             if state.way[i] <= wall_due[i]:
                 continue
-            push, met = _strike(i, walls, state, step_s, hits[count])
+            push, met = _collide_building(i, walls, state, step_s, hits[count])
             longest = max(longest, push)
             if met:
                 count += 1

@@ -1,7 +1,7 @@
-"""Which collisions are news? Keeps the bounds that tell when to look, and makes one event of one contact.
+"""Collision events: decides when collisions have to be checked, and reports one event per contact.
 
-Two that touch, let go and touch again within a second are in one contact, and so is an aircraft that hits several
-buildings in a second: it is noted once, with the first.
+Two bodies that touch, separate and touch again within a second are in one contact, and so is an aircraft that hits
+several buildings within a second: it is noted once, with the first building.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ if TYPE_CHECKING:
     from skyrange.city.city import City
 
 APART_NS = NS_PER_S
-"""Without a touch for so long, a contact is over."""
+"""A contact is over after this time without a touch."""
 _NO_NOTES: tuple[Note, ...] = ()
 _WALL = -1
 
 
 class Contacts:
-    """Of one world: `begin` with the first state, then `look` after every tick. Deep copies go on alike."""
+    """The contacts of one world: `begin` with the first state, then `look` after every tick. Deep copies continue
+    alike.
+    """
 
     def __init__(self, vehicles: Sequence[str], city: City | None) -> None:
         self._vehicles = vehicles
@@ -43,18 +45,20 @@ class Contacts:
         self._touched: dict[tuple[int, int], Time] = {}
 
     def begin(self, bodies: Bodies) -> None:
-        """Find what is below each aircraft and how far the walls are."""
+        """Find the floor below each aircraft and its distance to the walls."""
         if self._city is not None:
             walls = self._city.walls()
             nearness.stand(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
 
     def look(self, now: Time, step_s: float, stride2_m2: float, bodies: Bodies) -> Sequence[Note]:
-        """Let collide what met in the tick that ended; `stride2_m2` is the square of the longest way any went."""
+        """Resolve the collisions of the tick that ended; `stride2_m2` is the square of the longest distance any
+        aircraft moved.
+        """
         if self._idle:
             return _NO_NOTES
         travelled = self._travelled + math.sqrt(stride2_m2)
         if travelled > self._census_due:
-            # as it was before the tick: whoever is not on the list could not meet in it
+            # from the state before the tick: a pair that is not listed could not touch during it
             self._pairs, self._pair_due = nearness.census(
                 self._order, bodies.shape, bodies.airframe, bodies.before, self._travelled
             )
@@ -67,10 +71,10 @@ class Contacts:
             travelled, step_s, self._pairs, self._pair_due, self._order, walls, self._wall_due, bodies
         )
         self._travelled += push
-        return self._news(now, hits) if len(hits) else _NO_NOTES
+        return self._new_contacts(now, hits) if len(hits) else _NO_NOTES
 
-    def _news(self, now: Time, hits: Floats) -> Sequence[Note]:
-        """Notes of the hits that begin a contact."""
+    def _new_contacts(self, now: Time, hits: Floats) -> Sequence[Note]:
+        """Notes of the touches that begin a contact."""
         notes = []
         for hit in hits.tolist():
             who, other = int(hit[WHO]), int(hit[WITH])

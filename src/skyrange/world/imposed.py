@@ -1,13 +1,15 @@
-"""How does a body move whose pose an engine imposes? It follows the poses, and its velocity between them.
+"""Imposed poses: motion of bodies whose pose an engine reports, extrapolated by velocity between reports.
 
 A pose holds for the tick at which it was imposed; the next tick takes the body to where its velocity brings it from
-there. So a body never moves but within a tick, and is swept along its way like any other: nothing is passed through,
-and sensors, collisions and radio see one motion. Programs tell their pose at 10 to 50 Hz: held, it would be 1 m late at
-10 m/s; carried on by its velocity, with 5 m/s² unknown for 100 ms, 25 mm. After `CARRY_S` without another the body
-stands still in the air: nobody knows where it is, and what flies straight on for long has left the city.
+there. So a body moves only within a tick, and its path is swept like any other: it passes through nothing, and
+sensors, collisions and radio see the same motion. Programs report their pose at 10 to 50 Hz: a held pose would lag 1 m
+at 10 m/s; extrapolated by its velocity, with an unknown acceleration of 5 m/s² for 100 ms, it errs by 25 mm. After
+`CARRY_S` without another report the body stops in the air: its position is unknown, and straight extrapolation would
+soon leave the city.
 
-The specific force is that of the change of velocity between the last two poses. The body stands on what is below it
-where its gear is within `STAND_M`, touches down as one that the world moves does (`multirotor`), and breaks as that.
+The specific force is that of the change of velocity between the last two poses. The body stands on the floor below it
+if its gear is within `STAND_M`; it touches down and breaks by the same rules as a body that the world moves
+(`multirotor`).
 """
 
 from __future__ import annotations
@@ -30,22 +32,23 @@ Ints = NDArray[np.int64]
 Marks = NDArray[np.uint8]
 
 CARRY_S = 0.25
-"""So long a velocity carries a body on: two poses missed at 10 Hz."""
+"""Longest extrapolation by velocity: two poses missed at 10 Hz."""
 JUMP_M = 0.5 * NEAR_M
-"""A pose farther off than this is no flight but another place (a simulator was reset, or silent for long): nothing on
-the way is hit. The census of who is near holds for ticks in which two come no more than `NEAR_M` closer."""
+"""A pose farther away than this is a jump, not motion (a simulator was reset, or silent for long): nothing on the way
+is hit. The list of near pairs is valid only for ticks in which two aircraft come at most `NEAR_M` closer."""
 STAND_M = 0.02
-"""Gear this close to the ground stands on it: ArduPilot tells heights in whole centimetres."""
+"""Gear this close to the ground counts as standing: ArduPilot reports heights in whole centimetres."""
 MOST_M = 1e6
-"""Of a coordinate; a pose beyond is a mistake of units or of origin, and so are those beyond the next two."""
+"""Limit of a coordinate; a pose beyond it results from wrong units or a wrong origin, as do values beyond the next
+two."""
 MOST_MPS = 1e3
 MOST_RADPS = 1e3
-_LEAP_M = 1.0  # beyond it what was below may not be what is
+_MAX_STEP_M = 1.0  # after a longer step another floor may be below
 _UNIT = 0.01  # how far from 1 a quaternion's length may be
 
 _POSITION, _VELOCITY, _ATTITUDE, _RATES, _CHANGE, _NUMBERS = 0, 3, 6, 10, 13, 16
-"""Columns of the table of poses; CHANGE is that of velocity since the pose before, per second."""
-_FINE, _NOT_LED, _BAD_POSITION, _BAD_VELOCITY, _BAD_ATTITUDE, _BAD_RATES = range(6)
+"""Columns of the table of poses; CHANGE is the change of velocity since the previous pose, per second."""
+_FINE, _NOT_IMPOSED, _BAD_POSITION, _BAD_VELOCITY, _BAD_ATTITUDE, _BAD_RATES = range(6)
 _WRONG = {
     _BAD_POSITION: ("position_enu_m", f"finite metres, at most {MOST_M:g}"),
     _BAD_VELOCITY: ("vel_enu_mps", f"finite m/s, at most {MOST_MPS:g}"),
@@ -55,22 +58,22 @@ _WRONG = {
 
 
 class Imposed:
-    """The imposed poses of a world's n bodies. Deep copies go on alike."""
+    """The imposed poses of a world's n bodies. Deep copies continue alike."""
 
     def __init__(self, count: int, step_s: float) -> None:
         self._step_s = step_s
         self.led: Marks = np.zeros(count, dtype=np.uint8)
-        """(n,) 1 where the pose is imposed."""
+        """(n,) 1 if the pose is imposed."""
         self.rows: Ints = np.zeros(0, dtype=np.int64)
-        """Where it is."""
+        """The rows whose pose is imposed."""
         self.jump_m = np.zeros(count)
-        """(n,) how far the last jump went."""
+        """(n,) distance of the last jump."""
         self._poses = np.zeros((count, _NUMBERS))
         self._pending = np.zeros(count, dtype=np.uint8)
         self._since = np.zeros(count, dtype=np.int64)
 
     def set_led(self, rows: Ints, led: bool, velocity: Floats) -> None:
-        """Whether the poses of some bodies are imposed from now on; each has that velocity, (n, 3), now."""
+        """Set whether the poses of some bodies are imposed from now on; `velocity` (n, 3) is their current one."""
         self.led[rows] = led
         self.rows = np.flatnonzero(self.led)
         self._pending[rows] = 0
@@ -79,7 +82,7 @@ class Imposed:
         self._poses[rows, _VELOCITY:_ATTITUDE] = velocity[rows]
 
     def take(self, rows: Ints, poses: Poses, vehicles: Sequence[str]) -> None:
-        """Keep the fresh ones for the next tick. Raises ValueError for what is none, and takes none then."""
+        """Keep the fresh poses for the next tick. Raises `ValueError` for an invalid pose, and then takes none."""
         fresh = np.ascontiguousarray(poses.fresh, dtype=np.bool_)
         arrays = (poses.position_enu_m, poses.vel_enu_mps, poses.attitude, poses.rates_radps)
         position, velocity, attitude, rates = given = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
@@ -87,8 +90,8 @@ class Imposed:
         wanted = [(len(rows),), *((len(rows), width) for width in (3, 3, 4, 3))]
         if shapes != wanted:
             raise ValueError(f"imposed poses of the shapes {shapes}, expected {wanted}")
-        row, wrong = _look(rows, self.led, fresh, position, velocity, attitude, rates)
-        if wrong == _NOT_LED:
+        row, wrong = _find_invalid(rows, self.led, fresh, position, velocity, attitude, rates)
+        if wrong == _NOT_IMPOSED:
             raise ValueError(f"imposed a pose on {vehicles[rows[row]]}, which the world moves")
         if wrong != _FINE:
             what, expected = _WRONG[wrong]
@@ -96,18 +99,18 @@ class Imposed:
                 f"imposed on {vehicles[rows[row]]} the {what} {given[wrong - _BAD_POSITION][row].tolist()}, "
                 f"expected {expected}"
             )
-        _take(
+        _accept(
             self._step_s, rows, fresh, position, velocity, attitude, rates, self._poses, self._pending, self._since
         )  # fmt: skip
 
     def follow(self, *state: Any) -> int:
-        """Take them through one quantum; `state` is what the kernel `follow` reads from `parameters` on."""
+        """Take the bodies through one quantum; `state` is what the kernel `follow` reads from `parameters` on."""
         return int(follow(self._step_s, self.rows, self._poses, self._pending, self._since, self.jump_m, *state))
 
 
 @kernel
 def _beyond(vector: Floats, most: float) -> bool:
-    """Whether any is over `most` or not a number."""
+    """Whether any component exceeds `most` or is not a number."""
     beyond = False
     for k in range(vector.shape[0]):
         beyond |= not abs(vector[k]) <= most
@@ -115,7 +118,7 @@ def _beyond(vector: Floats, most: float) -> bool:
 
 
 @kernel
-def _look(
+def _find_invalid(
     rows: Ints,
     led: Marks,
     fresh: NDArray[np.bool_],
@@ -124,12 +127,12 @@ def _look(
     attitude: Floats,
     rates: Floats,
 ) -> tuple[int, int]:
-    """The first row with a pose that cannot be, and what is wrong with it."""
+    """The first row with an invalid pose, and what is wrong with it."""
     for k in range(rows.shape[0]):
         if not fresh[k]:
             continue
         if not led[rows[k]]:
-            return k, _NOT_LED
+            return k, _NOT_IMPOSED
         if _beyond(position[k], MOST_M):
             return k, _BAD_POSITION
         if _beyond(velocity[k], MOST_MPS):
@@ -145,7 +148,7 @@ def _look(
 
 
 @kernel
-def _take(
+def _accept(
     step_s: float,
     rows: Ints,
     fresh: NDArray[np.bool_],
@@ -161,7 +164,7 @@ def _take(
         if not fresh[k]:
             continue
         i = rows[k]
-        if not pending[i]:  # else one of the same tick is replaced
+        if not pending[i]:  # otherwise a pose of the same tick is replaced
             elapsed = since[i] * step_s
             for axis in range(3):
                 change = velocity[k, axis] - poses[i, _VELOCITY + axis]
@@ -202,10 +205,11 @@ def follow(
     way: Floats,
     stride: Floats,
 ) -> int:
-    """Take the bodies in `rows` (k,) through one quantum, after `multirotor.advance`; returns how many events it saw.
+    """Take the bodies in `rows` (k,) through one quantum, after `multirotor.advance`; returns the number of flagged
+    events.
 
-    `poses` (n, 16), `pending` (n,) 1 where one waits, `since` (n,) ticks since the last one, `jump_m` (n,) receives how
-    far a jump went; the rest as in `multirotor.advance`, whose `stride` grows where one of these went farther.
+    `poses` (n, 16), `pending` (n,) 1 where a pose waits, `since` (n,) ticks since the last one, `jump_m` (n,) receives
+    the distance of a jump; the rest as in `multirotor.advance`, whose `stride` grows where one of these moved farther.
     """
     events = 0
     for k in range(rows.shape[0]):
@@ -227,8 +231,8 @@ def follow(
                 rates[i, axis] = poses[i, _RATES + axis]
             for axis in range(4):
                 attitude[i, axis] = poses[i, _ATTITUDE + axis]
-            if far > _LEAP_M:
-                ground = 0.0  # collisions look for the roof below, if there is one
+            if far > _MAX_STEP_M:
+                ground = 0.0  # the collision check finds the roof below, if there is one
             if far > JUMP_M:
                 jumped = True
                 jump_m[i] = far
@@ -252,7 +256,7 @@ def follow(
         accel[i, 2] = 2.0 * (qx * qz + qw * qy) * fx + 2.0 * (qy * qz - qw * qx) * fy + r22 * fz
         nx += velocity[i, 0] * step_s
         ny += velocity[i, 1] * step_s
-        nz = max(nz + velocity[i, 2] * step_s, ground)  # nobody is below the ground
+        nz = max(nz + velocity[i, 2] * step_s, ground)  # no body is below the ground
         attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = multirotor.turned(
             qw, qx, qy, qz, step_s * rates[i, 0], step_s * rates[i, 1], step_s * rates[i, 2]
         )

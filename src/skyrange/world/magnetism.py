@@ -1,9 +1,9 @@
-"""Which way and how strongly does the Earth's magnetic field point at a place?
+"""Geomagnetic field at a place, by a truncated World Magnetic Model.
 
-The World Magnetic Model 2020 (NOAA NCEI and BGS, Chulliat et al., 2020), its main field cut after degree 4 and
-without its secular variation: about 2 degrees of declination and 2 % of strength from the whole model at middle
-latitudes. The compass of the world and the declination that an autopilot knows come from here alike, as ArduPilot
-carries such a table (libraries/AP_Declination), so what is cut off favours nobody.
+The World Magnetic Model 2020 (NOAA NCEI and BGS, Chulliat et al., 2020), its main field truncated after degree 4 and
+without its secular variation: at middle latitudes about 2 degrees of declination and 2 % of strength away from the
+whole model. Both the compass of the world and the declination in the autopilot come from here, as ArduPilot carries
+such a table (libraries/AP_Declination), so the truncation causes no error between them.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ Field = tuple[float, float, float]
 
 
 def field_at(origin: Origin) -> Field:
-    """The field at a place, east, north, up in gauss: 0.25 to 0.65 long, nearly vertical near the poles."""
+    """The field at a place, east, north, up in gauss: of magnitude 0.25 to 0.65, nearly vertical near the poles."""
     colatitude = math.radians(90.0 - origin.lat_deg)
     longitude = math.radians(origin.lon_deg)
     cosine, sine = math.cos(colatitude), max(math.sin(colatitude), 1e-9)
-    value, slope = _legendre(cosine, sine)  # at the reference radius: height and flattening are below what is cut off
+    value, slope = _legendre(cosine, sine)  # at the reference radius: height and flattening matter less than truncation
     north = east = up = 0.0
     for (n, m), (g, h) in _G.items():
         turn = g * math.cos(m * longitude) + h * math.sin(m * longitude)
@@ -43,7 +43,7 @@ def field_at(origin: Origin) -> Field:
 
 
 def _legendre(cosine: float, sine: float) -> tuple[dict[tuple[int, int], float], dict[tuple[int, int], float]]:
-    """Schmidt semi-normalised associated Legendre functions of the colatitude, and their slopes by it."""
+    """Schmidt semi-normalised associated Legendre functions of the colatitude, and their derivatives."""
     value: dict[tuple[int, int], float] = {(0, 0): 1.0}
     slope: dict[tuple[int, int], float] = {(0, 0): 0.0}
     for n in range(1, _DEGREE + 1):

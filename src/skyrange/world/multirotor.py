@@ -1,29 +1,29 @@
-"""How does a multirotor move in one quantum? Rigid body, lagging rotors, drag, wind, and the ground.
+"""Multirotor dynamics over one quantum: rigid body, lagging rotors, drag, wind, and ground contact.
 
-One numba kernel over all aircraft, scalar code per aircraft: no sum crosses vehicles and only + - * / and
-sqrt touch the state, all correctly rounded by IEEE 754, so an aircraft's numbers do not depend on how many
-others share the arrays.
+One numba kernel over all aircraft, scalar code per aircraft: no sum crosses vehicles and only + - * / and sqrt touch
+the state, all correctly rounded by IEEE 754, so an aircraft's numbers do not depend on how many others share the
+arrays.
 
-Model (Mahony, Kumar & Corke, "Multirotor Aerial Vehicles", IEEE RAM 19(3), 2012):
-thrust k·ω² along body up, drag torque `arm`·thrust against each rotor's spin, rotor drag in the rotor's
-plane, quadratic body drag, gravity, Euler's equation with a diagonal inertia. Drag on rotation: about each axis as if
-the body's drag area sat where the rotors are, ½·ρ·area·arm³·|Ω|·Ω, nothing in flight but what ends a tumble's
-spinning up, for the Iris near 60 rad/s, where its arms' ends go as fast as the pitch of its propellers. Left out:
-rotor inertia, loss of thrust with inflow, ground effect, blade flapping moments.
+Model (Mahony, Kumar & Corke, "Multirotor Aerial Vehicles", IEEE RAM 19(3), 2012): thrust k·ω² along body up, drag
+torque `arm`·thrust against each rotor's spin, rotor drag in the rotor's plane, quadratic body drag, gravity, Euler's
+equation with a diagonal inertia. Rotational drag: about each axis as if the body's drag area were at the rotors,
+½·ρ·area·arm³·|Ω|·Ω; negligible in flight, it limits the rate of a tumble, for the Iris near 60 rad/s, where its arms'
+ends move as fast as the pitch of its propellers. Left out: rotor inertia, loss of thrust with inflow, ground effect,
+blade flapping moments.
 
-Integration. Rotor speed: the exact solution of the first-order lag for a command held over the quantum.
-Velocity: forces at the quantum's start attitude; position: the mean of old and new velocity, which makes
-constant acceleration exact. Rates: the midpoint rule, whose energy error in free rotation is of fourth order per step
-(symplectic Euler's is of second). Attitude: the mean rate's rotation by the quaternion exponential's
-series to fourth order, normalised. At 2.5 ms a rotor's time constant is five
-steps, and the closed forms of tests/validation are met to a thousandth or better; RK4 over the whole state
-would evaluate the forces four times as often for digits that the parameters do not have.
+Integration. Rotor speed: the exact solution of the first-order lag for a command held over the quantum. Velocity:
+forces at the attitude of the quantum's start; position: the mean of old and new velocity, which makes constant
+acceleration exact. Rates: the midpoint rule, whose energy error in free rotation is of fourth order per step
+(symplectic Euler's is of second). Attitude: rotation by the mean rate with the quaternion exponential's series to
+fourth order, normalised. At 2.5 ms a rotor's time constant is five steps, and the closed forms of tests/validation are
+met to a thousandth or better; RK4 over the whole state would evaluate the forces four times as often for digits that
+the parameters do not have.
 
 Ground: a plane at the height of the `floor` below each aircraft, hit without bounce. The normal impulse stops the
-fall; friction takes at most `friction` times it from the sliding speed; the stance takes at most its lever times it
-from roll and pitch rates and brings the aircraft level, so a take-off with enough torque does tip over. Tilted beyond
-the tip angle on the ground, the propellers strike and break: the aircraft has crashed and stays down. So it has after
-a touchdown beyond `HARD_MPS`.
+fall; friction removes at most `friction` times it from the sliding speed; the gear removes at most its lever arm times
+it from roll and pitch rates and brings the aircraft level, so a take-off with enough torque does tip over. If the
+aircraft tilts beyond the tip angle on the ground, the propellers strike and break: it has crashed and stays down. The
+same happens after a touchdown faster than `HARD_MPS`.
 """
 
 from __future__ import annotations
@@ -39,15 +39,16 @@ from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2, MOTORS, Air
 Floats = NDArray[np.float64]
 
 ALOFT, ON_GROUND, CRASHED, EVENTS = 0, 1, 2, 3
-"""Columns of the flags table: zero or one, but EVENTS holds the bits of what has happened since it was cleared."""
+"""Columns of the flags table: zero or one; EVENTS holds the bits of what happened since it was cleared."""
 TOUCHED, TIPPED, BROKEN, JUMPED = 1, 2, 4, 8
-"""Bits of EVENTS: a touchdown; a fall past the tip angle; a touchdown too hard to survive; an imposed pose far off."""
+"""Bits of EVENTS: a touchdown; tipping over on the ground; a touchdown too hard to survive; an
+imposed pose far away."""
 HARD_MPS = 3.117
-"""A touchdown faster than this breaks the aircraft: sqrt(2·g·h) of the reserve energy drop test, one and a half times
-13 inches (14 CFR 27.727, 27.725), the most that a rotorcraft's gear has to stand."""
-REARM_M = 0.05  # height to be left before a touchdown counts as another one
+"""A faster touchdown breaks the aircraft: sqrt(2·g·h) of the reserve energy drop test, one and a half times 13 inches
+(14 CFR 27.727, 27.725), the most that a rotorcraft's landing gear has to withstand."""
+REARM_M = 0.05  # height to climb before a touchdown counts as another one
 _LEVEL_TAU_S = 0.1  # how fast the gear brings a standing aircraft level
-_STILL = 1e-6  # a decay ends here (rad/s, rad): subnormal numbers would slow the machine tenfold
+_NEGLIGIBLE = 1e-6  # a decay ends here (rad/s, rad), because subnormal numbers would be ten times slower
 
 _ROUND = 1e-8  # its square is below a double's precision
 
@@ -57,7 +58,9 @@ _FORWARD, _SPIN = _LEFT + MOTORS, _LEFT + 2 * MOTORS  # blocks of one number per
 
 
 def motor_rows(airframe: Airframe, step_s: float) -> tuple[float, float, float]:
-    """What `spin` reads of a motor: thrust curve, and what share of the way a quantum of `step_s` goes, up and down."""
+    """What `spin` reads of a motor: thrust curve, and the lag's share per quantum of `step_s`, speeding up and slowing
+    down.
+    """
     up, down = -math.expm1(-step_s / airframe.tau_up_s), -math.expm1(-step_s / airframe.tau_down_s)
     return airframe.thrust_expo, up, down
 
@@ -85,7 +88,7 @@ def parameter_row(airframe: Airframe) -> list[float]:
 
 @kernel
 def _toward(rate: float, target: float, limit: float) -> float:
-    """`rate` moved to `target` by at most `limit`."""
+    """`rate` moved towards `target` by at most `limit`."""
     change = target - rate
     if change > limit:
         change = limit
@@ -96,7 +99,9 @@ def _toward(rate: float, target: float, limit: float) -> float:
 
 @kernel
 def spin(expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands: Floats, rotor_radps: Floats) -> None:
-    """Rotor speeds of all motors after a quantum; all flat, one number a motor. Straight code, so it is vectorised."""
+    """Rotor speeds of all motors after a quantum; flat arrays, one number per motor. Straight-line code, so it is
+    vectorised.
+    """
     for k in range(rotor_radps.shape[0]):
         command = commands[k]
         command = command if command > 0.0 else 0.0  # a NaN is no thrust
@@ -104,14 +109,14 @@ def spin(expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands
         target = limit[k] * math.sqrt(command * (1.0 - expo[k] + expo[k] * command))
         speed = rotor_radps[k]
         speed += (target - speed) * (lag_up[k] if target > speed else lag_down[k])
-        rotor_radps[k] = speed if speed >= _STILL else 0.0
+        rotor_radps[k] = speed if speed >= _NEGLIGIBLE else 0.0
 
 
 @kernel
 def turned(
     qw: float, qx: float, qy: float, qz: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
-    """An attitude turned by a body vector: the quaternion exponential's series to fourth order, normalised."""
+    """An attitude rotated by a body vector: the quaternion exponential's series to fourth order, normalised."""
     t2 = tx * tx + ty * ty + tz * tz
     c = 1.0 - t2 * (1.0 / 8.0 - t2 / 384.0)
     s = 0.5 - t2 / 48.0
@@ -122,7 +127,7 @@ def turned(
     nx = qx * c + qw * tx + qy * tz - qz * ty
     ny = qy * c + qw * ty + qz * tx - qx * tz
     nz = qz * c + qw * tz + qx * ty - qy * tx
-    # 1/sqrt(1 + x) is 1 - x/2 for an x that is rounding and a truncated series' rest
+    # 1/sqrt(1 + x) is 1 - x/2, since x is only rounding and the truncation of the series
     square = nw * nw + nx * nx + ny * ny + nz * nz
     norm = 1.5 - 0.5 * square if abs(square - 1.0) < _ROUND else 1.0 / math.sqrt(square)
     return nw * norm, nx * norm, ny * norm, nz * norm
@@ -150,7 +155,9 @@ def _land(
     flags: NDArray[np.uint8],
     impact_mps: Floats,
 ) -> int:
-    """End the quantum of one aircraft whose new velocity and rates take it into the ground; returns its events."""
+    """Finish the quantum of an aircraft whose new velocity and rates take it into the ground; returns the number of
+    events.
+    """
     events = 0
     vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
     qw, qx, qy, qz = attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3]
@@ -170,7 +177,7 @@ def _land(
     keep = 1.0 - grip / slide if slide > grip else 0.0
     nvx *= keep
     nvy *= keep
-    # the accelerometer feels what the ground did
+    # the accelerometer measures the force of the ground
     gx = (nvx - vx) / step_s
     gy = (nvy - vy) / step_s
     gz = -vz / step_s + GRAVITY_MPS2
@@ -192,7 +199,7 @@ def _land(
                 flags[i, EVENTS] |= TIPPED
                 broken = True
                 events += 1
-        elif r20 * r20 + r21 * r21 > _STILL * _STILL and not flags[i, CRASHED] and not broken:
+        elif r20 * r20 + r21 * r21 > _NEGLIGIBLE * _NEGLIGIBLE and not flags[i, CRASHED] and not broken:
             level_x = -r21 / _LEVEL_TAU_S
             level_y = r20 / _LEVEL_TAU_S
         hold = p[_MASS] * impulse * p[_STANCE]
@@ -240,17 +247,17 @@ def advance(
     stride: Floats,
     led: NDArray[np.uint8],
 ) -> int:
-    """Move every aircraft by one quantum; returns how many events it flagged.
+    """Move every aircraft by one quantum; returns the number of events it flagged.
 
-    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,) rows of it, `expo`, `lag_up`, `lag_down`
-    (n, motors) of `motor_rows`, `wind` (n, 3) the air's velocity at each, `floor` (n,) the height of what is below it,
+    Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,) rows of it, `expo`, `lag_up`, `lag_down` (n,
+    motors) of `motor_rows`, `wind` (n, 3) the air's velocity at each, `floor` (n,) the height of what is below it,
     `limit` (n, motors) a rotor's speed at full command, `alive` (n, motors) 0 where a motor is lost, `commands` and
-    `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local, `rates` and
-    `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the speed of a
-    touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains what the rotors did against the air;
-    `before` (n, 3) receives the old positions; `way` (n,) gains no less than how far each went (its parts along the
-    axes, which takes no root), and `stride` (1,) receives the square of the longest way that any went.
-    Where `led` (n,) is not 0 only the rotors turn: `imposed.follow` moves the body.
+    `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local, `rates`
+    and `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the speed of a
+    touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains the rotors' work against the air; `before`
+    (n, 3) receives the old positions; `way` (n,) gains an upper bound of the distance moved (the sum over the axes,
+    which needs no root), and `stride` (1,) receives the square of the longest distance that any aircraft moved. Where
+    `led` (n,) is not 0 only the rotors turn: `imposed.follow` moves the body.
     """
     spin(
         expo.reshape(-1),
@@ -264,7 +271,7 @@ def advance(
     longest = 0.0
     half = 0.5 * step_s
     for i in range(position.shape[0]):
-        a = airframe[i]  # and no view of its row: making one in every turn costs more than a rotor
+        a = airframe[i]  # an index, not a view of its row: making a view every time costs more than a rotor
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         qw, qx, qy, qz = attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3]
         wx, wy, wz = rates[i, 0], rates[i, 1], rates[i, 2]
@@ -334,7 +341,7 @@ def advance(
 
         ground = floor[i]
         nz = pz + 0.5 * (vz + nvz) * step_s
-        if nvz <= 0.0 and nz <= ground:  # rare in flight, so kept out of the way of the rest: half as fast again
+        if nvz <= 0.0 and nz <= ground:  # a separate function, because it is rare in flight: half as fast again
             events += _land(
                 i, step_s, parameters[a], ground, nvx, nvy, nvz, nwx, nwy, nwz,
                 position, velocity, attitude, rates, accel, limit, alive, flags, impact_mps,

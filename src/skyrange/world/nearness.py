@@ -1,9 +1,9 @@
-"""Who is near enough to touch anything soon? Bounds that let a tick look at hardly anyone.
+"""Broad phase of collision detection: bounds that let a tick check hardly any aircraft.
 
-`travelled` is the sum over ticks of the longest way that any aircraft went, so two aircraft a gap g apart cannot touch
-before it has grown by g/2. Pairs that are near are listed by a census over a grid of cells, made again when
-`travelled` has grown by half of how near was near. This only skips what cannot touch, so no result depends on who else
-flies. Against walls the bound is each aircraft's own `way`, because with a look the floor below it may change.
+`travelled` is the sum over ticks of the longest distance that any aircraft moved, so two aircraft with a gap g cannot
+touch before it has grown by g/2. Near pairs are listed over a grid of cells, and the list is made again when
+`travelled` has grown by half of `NEAR_M`. This only skips pairs that cannot touch, so no result depends on who else
+flies. Against walls the bound is each aircraft's own `way`, because the floor below it may change when it is checked.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NEAR_M = 10.0
-"""A pair closer than this is on the census's list."""
-ON_ROOF_M = 0.02  # so far below a roof the gear still stands on it
-_EDGE_M = 0.25  # how exactly a roof's edge is known as the end of the floor, as half a gear's width
+"""A pair with a smaller gap is on the list of near pairs."""
+ON_ROOF_M = 0.02  # gear at most this far below a roof stands on it
+_EDGE_M = 0.25  # accuracy of a roof's edge as the end of the floor: half a gear's width
 
 RADIUS, HEIGHT, CG, MASS, PER_JX, PER_JY, PER_JZ, PROPELLER, ROTORS = range(9)  # then two per rotor
 """Columns of `shape_row`."""
@@ -41,7 +41,7 @@ def shape_row(airframe: Airframe) -> list[float]:
 
 @kernel
 def due(travelled: float, pair_due: Floats, way: Floats, wall_due: Floats) -> int:
-    """How many pairs and aircraft have to be looked at."""
+    """How many pairs and aircraft have to be checked."""
     count = 0
     for k in range(pair_due.shape[0]):
         count += travelled > pair_due[k]
@@ -52,7 +52,7 @@ def due(travelled: float, pair_due: Floats, way: Floats, wall_due: Floats) -> in
 
 @kernel
 def gap_of(a: Floats, b: Floats, radii: float, height_a: float, height_b: float) -> float:
-    """How far apart two cylinders are, 0 if they overlap."""
+    """Distance between two cylinders, 0 if they overlap."""
     x, y = a[0] - b[0], a[1] - b[1]
     across = max(math.sqrt(x * x + y * y) - radii, 0.0)
     up = max(max(a[2] - b[2] - height_b, b[2] - a[2] - height_a), 0.0)
@@ -68,7 +68,9 @@ def _bucket(column: int, row: int, mask: int) -> int:
 def census(
     order: Ints, shape: Floats, airframe: Ints, position: Floats, travelled: float
 ) -> tuple[NDArray[np.int64], Floats]:
-    """All pairs nearer than `NEAR_M`: rows (k, 2) and until when neither needs a look (k,), in the order of ids."""
+    """List all pairs with a gap below `NEAR_M`, in the order of ids: rows (k, 2), and `travelled` at which to check
+    each (k,).
+    """
     n = order.shape[0]
     widest = 0.0
     for f in range(shape.shape[0]):
@@ -80,7 +82,7 @@ def census(
     head = np.full(size, -1, dtype=np.int64)
     follow = np.full(n, -1, dtype=np.int64)
     cell = np.empty((n, 2), dtype=np.int64)
-    for k in range(n - 1, -1, -1):  # the last first, so that a chain goes up in order
+    for k in range(n - 1, -1, -1):  # from the last to the first, so that a chain is in ascending order
         i = order[k]
         cell[k, 0], cell[k, 1] = math.floor(position[i, 0] / side), math.floor(position[i, 1] / side)
         bucket = _bucket(cell[k, 0], cell[k, 1], size - 1)
@@ -104,7 +106,7 @@ def census(
                             if count == pairs.shape[0]:
                                 pairs = np.concatenate((pairs, np.empty_like(pairs)))
                                 until = np.concatenate((until, np.empty_like(until)))
-                            place = count  # insertion by id: cells come in the order of space
+                            place = count  # insertion by id, because cells are visited in spatial order
                             while place > begin and pairs[place - 1, 1] > other:
                                 pairs[place, 1], until[place] = pairs[place - 1, 1], until[place - 1]
                                 place -= 1
@@ -119,7 +121,8 @@ def census(
 
 @kernel
 def around(walls: Walls, place: Floats, radius: float, height: float) -> tuple[float, float]:
-    """The height of what is below a place, 0 for the ground, and how far an aircraft there can go before it changes.
+    """The height of the floor below a position, 0 for the ground, and how far an aircraft there can move before it
+    changes.
 
     "Changes": it touches a building, or leaves the roof below it, or comes over another one (known to `_EDGE_M`).
     """
@@ -147,7 +150,7 @@ def around(walls: Walls, place: Floats, radius: float, height: float) -> tuple[f
 
 @kernel
 def stand(walls: Walls, position: Floats, shape: Floats, airframe: Ints, floor: Floats, wall_due: Floats) -> None:
-    """What is below each aircraft at the start (`floor`), and how far it may go (`wall_due`, -1 inside a building)."""
+    """Find the floor below each aircraft at the start, and how far it may move (`wall_due`, -1 inside a building)."""
     for i in range(position.shape[0]):
         p = shape[airframe[i]]
         floor[i], wall_due[i] = around(walls, position[i], p[RADIUS], p[HEIGHT])

@@ -1,12 +1,12 @@
-"""What do an aircraft's sensors read of its true state? Noise, bias, wander, delay and gaps, one kernel over all rows.
+"""Sensor error models: noise, bias, drift, delay and outages, as kernels over all aircraft.
 
-Every number with its source. [S] is ArduPilot's simulator (libraries/SITL), [U] u-blox's data sheet of the SAM-M10Q
+Every number has its source. [S] is ArduPilot's simulator (libraries/SITL), [U] u-blox's data sheet of the SAM-M10Q
 (UBX-22013293), [P] PX4's Gazebo plugins (PX4-SITL_gazebo-classic, src/gazebo_gps_plugin.cpp).
 
 Chance is addressed by vehicle, sensor and the sensor's own sampling instant. A normal deviate is the sum of three
 12-bit uniforms: mean 0 and variance 1 exactly, no value beyond three standard deviations (ArduPilot's own simulator
-takes a single uniform). The noise of the inertial sensors is drawn every 10 ms and held between, which is white to a
-filter of 100 Hz; drawing it at 400 Hz would cost four times as much and be averaged away.
+takes a single uniform). The noise of the inertial sensors is drawn every 10 ms and held in between, which is white to
+a filter of 100 Hz; drawing it at 400 Hz would cost four times as much and be averaged away.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ GNSS_WANDER_S: Final = 60.0
 """Correlation time: [P] gps_correlation_time."""
 GNSS_WHITE_M: Final = 0.05
 GNSS_SPEED_MPS: Final = 0.05
-"""[U] velocity accuracy, 50 % at 30 m/s; the white part of position is what that leaves between two fixes."""
+"""[U] velocity accuracy, 50 % at 30 m/s; the white part of position is the resulting error between two fixes."""
 GNSS_ACCURACY: Final = (1.5, 2.5, 0.2)
-"""What the receiver claims: horizontal m, vertical m, speed m/s; the size that u-blox receivers claim in the open."""
+"""What the receiver reports: horizontal m, vertical m, speed m/s; typical of u-blox receivers under an open sky."""
 GNSS_SATELLITES: Final = 10
 """[S] SIM_GPS1_NUMSATS."""
 OUTAGE_BIN_NS: Final = 10 * NS_PER_S
@@ -128,7 +128,7 @@ def normal6(
 
 @kernel
 def see_field(attitude: Floats, field: Floats, out: Floats) -> None:
-    """The Earth's field (east, north, up) in the body of one aircraft."""
+    """The Earth's field (east, north, up) in the body frame of one aircraft."""
     w, x, y, z = attitude[0], attitude[1], attitude[2], attitude[3]
     e, n, u = field[0], field[1], field[2]
     out[0] = (1 - 2 * (y * y + z * z)) * e + 2 * (x * y + w * z) * n + 2 * (x * z - w * y) * u
@@ -138,7 +138,7 @@ def see_field(attitude: Floats, field: Floats, out: Floats) -> None:
 
 @kernel
 def read_ideal(now: int, attitude: Floats, field: Floats, compass: Floats, gnss_time: Ints) -> None:
-    """The two readings that are no copy of the state, for ideal sensors: field and time of the fix."""
+    """The two readings of ideal sensors that are not copies of the state: magnetic field and time of the fix."""
     for i in range(attitude.shape[0]):
         see_field(attitude[i], field, compass[i])
         gnss_time[i] = now
@@ -146,7 +146,7 @@ def read_ideal(now: int, attitude: Floats, field: Floats, compass: Floats, gnss_
 
 @kernel
 def in_outage(seed: np.uint64, who: np.uint64, at: int, level: float) -> bool:
-    """Whether a receiver has no fix at a moment: at most one gap in a bin, by chance of the bin."""
+    """Whether a receiver has no fix at a time: at most one outage per bin, drawn by bin."""
     start = at // OUTAGE_BIN_NS * OUTAGE_BIN_NS
     u = uniform4(seed, _S_OUTAGE, who, np.uint64(start), _0)
     if u[0] >= OUTAGE_CHANCE * level:
@@ -177,7 +177,7 @@ def start(
     satellites: Ints,
     gnss_time: Ints,
 ) -> None:
-    """Switch all sensors on: draw biases and phases, and let each receiver have had its first fix, standing."""
+    """Switch all sensors on: draw biases and phases, and give each receiver its first fix, at rest."""
     for i in range(who.shape[0]):
         g = normal6(seed, _S_START, who[i], 0, np.uint64(0))
         m = normal6(seed, _S_START, who[i], 0, np.uint64(1))
@@ -209,7 +209,7 @@ def start(
 
 @kernel
 def read_inertial(rates: Floats, accel: Floats, error: Floats, gyro: Floats, force: Floats) -> None:
-    """Gyroscopes and accelerometers of all rows: truth, and the error held since it was last drawn (rows, 6)."""
+    """Gyroscopes and accelerometers of all rows: truth plus the error that was drawn last (rows, 6)."""
     for i in range(rates.shape[0]):
         for axis in range(3):
             gyro[i, axis] = rates[i, axis] + error[i, axis]
@@ -246,10 +246,10 @@ def draw(
     rangefinder: Floats,
     compass: Floats,
 ) -> None:
-    """What happens every 10 ms: new inertial noise, and the slow sensors that are due at `now`.
+    """Do what is due every 10 ms: new inertial noise, and the slow sensors that sample at `now`.
 
-    `wander` (rows, 4) holds the position error of GNSS and the barometer's drift, `phase` and `epoch` (rows, 4)
-    when each slow sensor samples and which sample was its last, `pending` (rows, 6) the fix on its way out.
+    `wander` (rows, 4) holds the position error of GNSS and the barometer's drift, `phase` and `epoch` (rows, 4) the
+    phase of each slow sensor and the number of its last sample, `pending` (rows, 6) the fix that is being delayed.
     """
     for i in range(who.shape[0]):
         throttle = 0.0

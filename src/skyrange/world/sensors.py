@@ -1,8 +1,8 @@
-"""Which sensors do the aircraft carry, how good are they, and what do they say now?
+"""Sensors of the aircraft: their quality and their current readings.
 
 A sensor is a physical thing on the body, so it belongs to the world: it samples the true state at its own instants,
-and what it says stands until it says something new. `SensorSpec` is what a scenario asks for; `Sensing` holds the
-sensors of all aircraft of a world. Declared sensor faults come after it, in the kernel.
+and a reading holds until the next one. `SensorSpec` is what a scenario sets; `Sensing` holds the sensors of all
+aircraft of a world. Declared sensor faults are applied afterwards, in the kernel.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _NO_CHANCE = Chance(0)
 
 @dataclass(frozen=True, slots=True)
 class SensorSpec:
-    """How good the sensors are, and where on Earth they are.
+    """Quality of the sensors, and the magnetic field at their place.
 
     `noise` multiplies every error of `sensor_models`: 1 is a usual small aircraft, 0 is ideal (every reading is the
-    truth of the tick, the fix has no delay and no gap). `field_enu_gauss` is the Earth's magnetic field there; where
+    truth of the tick, the fix has neither delay nor outage). `field_enu_gauss` is the Earth's magnetic field there; if
     it is zero there is no compass.
     """
 
@@ -42,7 +42,9 @@ IDEAL = SensorSpec()
 
 
 class Sensing:
-    """The sensors of a world's aircraft. Deep copies go on alike; an aircraft's readings depend on no other's."""
+    """The sensors of a world's aircraft. Deep copies continue alike; the readings of an aircraft depend on no other
+    aircraft.
+    """
 
     def __init__(
         self,
@@ -82,7 +84,7 @@ class Sensing:
         self.bind(state, commands, power)
 
     def bind(self, state: tuple[Floats, ...], commands: Floats, power: tuple[Floats, Floats, Floats]) -> None:
-        """Look at these arrays of the world from now on (a copied world has its own)."""
+        """Read these arrays of the world from now on (a copied world has its own)."""
         self._state = state
         self._commands = commands
         rates, force, attitude, position, velocity, height = state
@@ -95,14 +97,14 @@ class Sensing:
         self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what points into the world's arrays, which has to be bound again."""
+        """All but the references to the world's arrays, which have to be bound again."""
         state = self.__dict__.copy()
         for key in ("_state", "_commands", "_shown", "_by_slice"):
             del state[key]
         return state
 
     def sample(self, now: Time) -> None:
-        """Read everything that is due at `now`, of all aircraft; the first call switches the sensors on."""
+        """Sample every sensor that is due at `now`, of all aircraft; the first call switches the sensors on."""
         rates, force, attitude, position, velocity, height = self._state
         if self._level == 0.0:
             sensor_models.read_ideal(now, attitude, self._field, self._compass, self._time)
@@ -124,7 +126,9 @@ class Sensing:
         sensor_models.read_inertial(rates, force, self._error, self._gyro, self._force)
 
     def read(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        """What the sensors of some vehicles say: for a slice, read-only views that later ticks refill; else copies."""
+        """The current readings of some vehicles: for a slice, read-only views that later ticks refill; otherwise
+        copies.
+        """
         if isinstance(rows, slice):
             key = (rows.start, rows.stop, rows.step)
             known = self._by_slice.get(key)

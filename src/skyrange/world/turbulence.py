@@ -1,6 +1,6 @@
-"""How does the air gust around each aircraft? Dryden turbulence at low altitude, one numba kernel over all aircraft.
+"""Dryden turbulence at low altitude, one numba kernel over all aircraft.
 
-MIL-F-8785C, 3.7.1.2 (Dryden form) with the low-altitude model of 3.7.3.4; MIL-HDBK-1797's says the same with half
+MIL-F-8785C, 3.7.1.2 (Dryden form) with the low-altitude model of 3.7.3.4; MIL-HDBK-1797 has the same model with half
 the lateral and vertical scale lengths written into its spectra. With h in feet, held in 10…1000:
 
     σ_w = 0.1·W20        σ_u = σ_v = σ_w / (0.177 + 0.000823·h)^0.4
@@ -9,20 +9,20 @@ the lateral and vertical scale lengths written into its spectra. With h in feet,
 
 With T = L/V the autocorrelations are σ²·e^(-t/T) along, and σ²·e^(-t/T)·(1 - t/2T) across and up.
 
-**Speed.** The filters turn waves in space into gusts in time by the speed V at which an aircraft passes through them,
-and stand still at V = 0. Here V is the speed through the mean air, and at least the air's own restlessness σ_u:
-eddies of size L moving at σ turn over in L/σ (Tennekes & Lumley, "A First Course in Turbulence", 1972, 1.5) whether
-anybody flies through them or not. In a hover in a mean wind, V is that wind.
+**Speed.** The filters turn variation in space into variation in time by the speed V at which an aircraft passes
+through it, and stand still at V = 0. Here V is the speed through the mean air, and at least the turbulent velocity
+σ_u: eddies of size L moving at σ turn over in L/σ (Tennekes & Lumley, "A First Course in Turbulence", 1972, 1.5)
+whether an aircraft moves through them or not. In a hover in a mean wind, V is that wind.
 
 **Axes.** u along the steady wind (east in none), v to its left, w up. The standard has u along the relative wind,
-which for a multirotor would turn the gusts whenever it changes direction; the two horizontal components differ only
-in the shape of their spectrum.
+which for a multirotor would turn the gusts whenever it changes direction; the two horizontal components differ only in
+the shape of their spectrum.
 
-**Steps.** Every 20 ms, held between: 0.3 m at 15 m/s, so less than the aircraft, over which finer gusts average out.
-Each step is exact for the filter at that speed and height (its state's transition and covariance in closed form), so
-the samples have the right variance and correlation at any step.
+**Steps.** Every 20 ms, held in between: 0.3 m at 15 m/s, so less than the aircraft's size, over which finer gusts
+average out. Each step is exact for the filter at that speed and height (its state's transition and covariance in
+closed form), so the samples have the right variance and correlation at any step.
 
-Each aircraft has its own air: two that fly side by side feel unrelated gusts. A street canyon is not modelled:
+Each aircraft has its own turbulence: two that fly side by side meet unrelated gusts. A street canyon is not modelled:
 neither its channelled wind nor the wakes of its buildings.
 """
 
@@ -40,10 +40,10 @@ Floats = NDArray[np.float64]
 Words = NDArray[np.uint64]
 
 GUST_NS = 20_000_000
-"""How often the gusts change."""
+"""Interval at which the gusts change."""
 STREAM = "world.turbulence"
 STATES = 5
-"""Of an aircraft's filters: u; first and second of v; first and second of w. The firsts have unit variance."""
+"""Filter states of an aircraft: u; first and second of v; first and second of w. The firsts have unit variance."""
 
 _FEET = 1.0 / 0.3048
 _LOWEST_FT, _HIGHEST_FT = 10.0, 1000.0
@@ -66,7 +66,7 @@ def scales(height_m: float, w20_mps: float) -> tuple[float, float, float, float]
 
 
 @kernel
-def _pair(word: np.uint64) -> tuple[float, float]:
+def _normal_pair(word: np.uint64) -> tuple[float, float]:
     """Two independent standard normals from one random word (Box & Muller 1958), within 6.7 sigma."""
     radius = math.sqrt(-2.0 * math.log(((word >> _32) + 1.0) * _UNIT))
     angle = 2.0 * math.pi * ((word & _LOW) * _UNIT)
@@ -74,11 +74,11 @@ def _pair(word: np.uint64) -> tuple[float, float]:
 
 
 @kernel
-def _coloured(first: float, second: float, a: float, d: float, n1: float, n2: float) -> tuple[float, float]:
+def _step_chain(first: float, second: float, a: float, d: float, n1: float, n2: float) -> tuple[float, float]:
     """One exact step of the chain T·p' = -p + noise, T·q' = -q + p with unit variance of p.
 
-    `a` is e^-d, `d` the step over T. In steady state var q = cov(p, q) = 1/2; what the transition leaves of that
-    covariance is the noise of the step, here by its Cholesky factor.
+    `a` is e^-d, `d` the step over T. In steady state var q = cov(p, q) = 1/2; the covariance that the transition does
+    not preserve is the noise of the step, here by its Cholesky factor.
     """
     aa = a * a
     q11 = -math.expm1(-2.0 * d)
@@ -114,9 +114,9 @@ def gust(
     along_e, along_n = (steady_enu_mps[0] / mean, steady_enu_mps[1] / mean) if mean > 0.0 else (1.0, 0.0)
     for i in range(state.shape[0]):
         word0, word1, word2, _ = philox(seed, stream, who[i], when, _ZERO, _ZERO)
-        n0, n1 = _pair(word0)
-        n2, n3 = _pair(word1)
-        n4, _ = _pair(word2)
+        n0, n1 = _normal_pair(word0)
+        n2, n3 = _normal_pair(word1)
+        n4, _ = _normal_pair(word2)
         s = state[i]
         sigma, sigma_w, length, length_w = scales(height[i], w20_mps)
         if start:
@@ -131,10 +131,10 @@ def gust(
             d = step_s * speed / length
             a = math.exp(-d)
             s[0] = a * s[0] + math.sqrt(-math.expm1(-2.0 * d)) * n0
-            s[1], s[2] = _coloured(s[1], s[2], a, d, n1, n2)
+            s[1], s[2] = _step_chain(s[1], s[2], a, d, n1, n2)
             d = step_s * speed / length_w
-            s[3], s[4] = _coloured(s[3], s[4], math.exp(-d), d, n3, n4)
-        # (1 + √3·T·s) applied to the second of the chain has variance 2
+            s[3], s[4] = _step_chain(s[3], s[4], math.exp(-d), d, n3, n4)
+        # (1 + √3·T·s) applied to the second state of the chain has variance 2
         u = sigma * s[0]
         v = sigma * _PER_ROOT2 * (_ROOT3 * s[1] + (1.0 - _ROOT3) * s[2])
         air[i, 0] = steady_enu_mps[0] + along_e * u - along_n * v

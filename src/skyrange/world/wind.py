@@ -1,4 +1,4 @@
-"""What wind is asked for? A steady vector and how turbulent it is: the description, no compiler needed."""
+"""Wind parameters: a steady vector and an intensity of turbulence. This description needs no compiler."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from skyrange.core.errors import Fault
 
 MOST_MPS = 60.0
-"""Beyond any wind that has a multirotor in it."""
+"""More than any wind in which a multirotor flies."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """The air's motion, the same everywhere but for turbulence, which each aircraft meets on its own.
+    """Motion of the air, the same everywhere except for turbulence, which is drawn for each aircraft.
 
-    `turbulence_mps` is the mean wind 20 ft (6 m) above the ground that stirs it, W20 of MIL-F-8785C 3.7.3.4:
-    7.7 m/s is light, 15.4 moderate, 23.2 severe; 0 is none. It need not equal the steady wind.
+    `turbulence_mps` is the mean wind 20 ft (6 m) above the ground that causes it, W20 of MIL-F-8785C 3.7.3.4: 7.7 m/s
+    is light, 15.4 moderate, 23.2 severe; 0 is none. It need not equal the steady wind.
     """
 
     steady_enu_mps: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -27,7 +27,7 @@ CALM = Wind()
 
 
 def faults_of(wind: Wind) -> list[Fault]:
-    """What is wrong with a description."""
+    """What is wrong with the parameters."""
     faults = []
     if len(wind.steady_enu_mps) != 3 or not all(math.isfinite(part) for part in wind.steady_enu_mps):
         faults.append(Fault("wind.steady_enu_mps", repr(wind.steady_enu_mps), "three finite numbers in m/s"))

@@ -1,4 +1,4 @@
-"""Who holds the true state of every aircraft, and how does it move from tick to tick? One table of arrays.
+"""World: the true state of every aircraft in one table of arrays, and its advance from tick to tick.
 
 A tick: the gusts that are due, dynamics, imposed poses, the batteries that are due, collisions.
 """
@@ -38,8 +38,8 @@ _NO_CHANCE = Chance(0)
 class World:
     """Truth: bodies in wind over flat ground and among buildings (the contract `skyrange.agent.contracts.World`).
 
-    The first `advance` sets the time of the initial state and moves nothing. Deep copies are
-    independent and continue identically; the immutable city is shared between them.
+    The first `advance` sets the time of the initial state and moves nothing. Deep copies are independent and continue
+    identically; the immutable city is shared between them.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class World:
         chance: Chance = _NO_CHANCE,
         sensors: SensorSpec = IDEAL,
     ) -> None:
-        """`chance` is where turbulence comes from. Raises InputError with every fault of the bodies at once."""
+        """`chance` is the source of turbulence. Raises `InputError` with every problem of the bodies at once."""
         check_bodies(bodies, quantum_ns, wind, city)
         n = len(bodies)
         names = sorted({body.airframe for body in bodies})
@@ -85,21 +85,21 @@ class World:
         self._air = np.tile(self._steady, (n, 1))
         self._gusts = np.zeros((n, turbulence.STATES))
         self._gust_seed = np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF)
-        self._who = np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64)
-        self._gusted: Time | None = None
+        self._addresses = np.array([hash64(vehicle) for vehicle in self.vehicles], dtype=np.uint64)
+        self._gusted_ns: Time | None = None
         self._batteries = np.array([battery.battery_row(AIRFRAMES[name]) for name in names])
         self._charge = np.array([body.charge for body in bodies], dtype=np.float64)
         self._battery_v = np.zeros(n)
         self._battery_a = np.zeros(n)
         self._work_j = np.zeros(n)
-        self._drawn: Time = 0
+        self._discharged_ns: Time = 0
         self._alive = np.ones((n, MOTORS), dtype=np.uint8)
         self._limit = np.zeros((n, MOTORS))
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
         self._imposed = Imposed(n, step_s)
         self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
         self._contacts = Contacts(self.vehicles, city)
-        self._sensing = Sensing(sensors, self.vehicles, self._seen(), self._commands, self._power())
+        self._sensing = Sensing(sensors, self.vehicles, self._sensed_state(), self._commands, self._power_state())
         self._bind()
         self._contacts.begin(self._bodies)
         self._discharge(0.0)
@@ -111,16 +111,16 @@ class World:
             self._accel[i, 2] = GRAVITY_MPS2 if standing else 0.0
             self._height[i] = body.up_m - self._floor[i]
 
-    def _seen(self) -> tuple[Floats, ...]:
-        """The arrays that sensors look at."""
+    def _sensed_state(self) -> tuple[Floats, ...]:
+        """The arrays that sensors read."""
         return self._rates, self._accel, self._attitude, self._position, self._velocity, self._height
 
-    def _power(self) -> tuple[Floats, Floats, Floats]:
-        """Volts and amperes at the batteries' terminals, and what the rotors make of them."""
+    def _power_state(self) -> tuple[Floats, Floats, Floats]:
+        """Voltage and current at the batteries' terminals, and the resulting rotor speeds."""
         return self._battery_v, self._battery_a, self._rotor_radps
 
     def _bind(self) -> None:
-        """Make what points into the arrays: the kernel's arguments and the read-only views."""
+        """Make everything that refers to the arrays: the kernel's arguments and the read-only views."""
         self._arguments: tuple[Any, ...] = (
             self._step_s,
             self._parameters,
@@ -179,7 +179,7 @@ class World:
             self._imposed.led,
             self._flags,
         )
-        self._sensing.bind(self._seen(), self._commands, self._power())
+        self._sensing.bind(self._sensed_state(), self._commands, self._power_state())
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the views: copied arrays get views of their own."""
@@ -195,14 +195,14 @@ class World:
     def advance(self, now: Time) -> Sequence[Note]:
         """Move all bodies by the whole quanta between the last tick and `now` under the last actuators.
 
-        Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for
-        another; `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the
-        speed is its last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each
-        aircraft in it (see `contacts`); `event.jump` {distance_m} where an imposed pose was far off.
-        Raises ValueError where `now` is before the last tick.
+        Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for another;
+        `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the speed is its
+        last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each aircraft in
+        it (see `contacts`); `event.jump` {distance_m} where an imposed pose was far away. Raises `ValueError` if `now`
+        is before the last tick.
         """
         if self._now is None:
-            self._now = self._drawn = now
+            self._now = self._discharged_ns = now
             self._sensing.sample(now)
             return _NO_NOTES
         steps = (now - self._now) // self.quantum_ns
@@ -218,29 +218,29 @@ class World:
         """One quantum from `start`."""
         end = self._now = start + self.quantum_ns
         if self._wind.turbulence_mps > 0.0 and (
-            self._gusted is None or start // turbulence.GUST_NS > self._gusted // turbulence.GUST_NS
+            self._gusted_ns is None or start // turbulence.GUST_NS > self._gusted_ns // turbulence.GUST_NS
         ):
             self._gust(start)
         events = multirotor.advance(*self._arguments)
         if len(self._imposed.rows):
             events += self._imposed.follow(*self._followed)
-        if end // battery.BATTERY_NS > self._drawn // battery.BATTERY_NS:
-            self._discharge((end - self._drawn) / NS_PER_S)
-            self._drawn = end
+        if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
+            self._discharge((end - self._discharged_ns) / NS_PER_S)
+            self._discharged_ns = end
         collided = self._contacts.look(end, self._step_s, float(self._stride[0]), self._bodies)
         if events == 0:
             return collided
         return [*collided, *self._notes()]
 
     def _gust(self, now: Time) -> None:
-        since = self._gusted
+        since = self._gusted_ns
         turbulence.gust(
             since is None,
             0.0 if since is None else (now - since) / NS_PER_S,
             self._gust_seed,
             np.uint64(hash64(turbulence.STREAM)),
             np.uint64(now & 0xFFFFFFFFFFFFFFFF),
-            self._who,
+            self._addresses,
             self._steady,
             self._wind.turbulence_mps,
             self._velocity,
@@ -248,7 +248,7 @@ class World:
             self._gusts,
             self._air,
         )
-        self._gusted = now
+        self._gusted_ns = now
 
     def _discharge(self, seconds: float) -> None:
         battery.discharge(
@@ -264,7 +264,7 @@ class World:
         )
 
     def _notes(self) -> list[Note]:
-        """What the last step of the dynamics flagged, in vehicle order; clears it."""
+        """The events that the last step of the dynamics flagged, in vehicle order; clears them."""
         notes = []
         for i in np.flatnonzero(self._flags[:, multirotor.EVENTS]).tolist():
             vehicle = self.vehicles[i]
@@ -282,15 +282,15 @@ class World:
         return notes
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        """The sensors of some vehicles: for a slice, read-only views that later ticks refill; else copies.
+        """The sensors of some vehicles: for a slice, read-only views that later ticks refill; otherwise copies.
 
         The accelerometer reads the mean specific force over the last quantum. The barometer reads the height of the
-        gear over the origin, the rangefinder that over the ground or roof below.
+        gear over the origin, the rangefinder the height over the ground or roof below.
         """
         return self._sensing.read(rows)
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
-        """Set motor commands, (rows, motors) in 0…1; beyond is clipped by the motors, a NaN stops one."""
+        """Set motor commands, (rows, motors) in 0…1; values beyond are clipped by the motors, a NaN stops one."""
         self._commands[rows] = actuators
 
     @property
@@ -299,7 +299,7 @@ class World:
         return self._sources
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
-        """From now on these move some bodies; each goes on from where it is, with motors at rest."""
+        """Set what moves some bodies from now on; each continues from where it is, with motors at rest."""
         self._imposed.set_led(rows, source is not Source.DYNAMIC, self._velocity)
         self._commands[rows] = 0.0
         sources = list(self._sources)
@@ -308,9 +308,9 @@ class World:
         self._sources = tuple(sources)
 
     def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
-        """Say where bodies are now that are not dynamic; the next tick takes them from there on (see `imposed`).
+        """Set the current pose of bodies that are not dynamic; the next tick continues from there (see `imposed`).
 
-        Raises ValueError for a pose that no body can have, or of a body that is dynamic; none is taken then.
+        Raises `ValueError` for an invalid pose, or a pose of a body that is dynamic; none is taken then.
         """
         self._imposed.take(np.arange(len(self.vehicles))[rows], poses, self.vehicles)
 

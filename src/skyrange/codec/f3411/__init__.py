@@ -1,7 +1,7 @@
-"""What does a Remote ID broadcast say, byte by byte? The messages of ASTM F3411-22a, written and read.
+"""ASTM F3411-22a messages: the content of a Remote ID broadcast, encoded and decoded.
 
-`encode(message)` and `decode(body)` are each other's inverse up to the standard's resolution; `faults(message)` names
-what the standard does not allow. `codec.f3411_columns` does the frequent ones for many aircraft at once.
+`encode(message)` and `decode(body)` are each other's inverse up to the standard's resolution; `faults(message)` lists
+what the standard does not allow. `codec.f3411_columns` handles the frequent messages for many aircraft at once.
 """
 
 from skyrange.codec.f3411.decode import decode

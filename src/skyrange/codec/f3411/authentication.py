@@ -1,7 +1,7 @@
-"""How does a proof longer than one message travel? Authentication data ↔ their pages.
+"""Authentication pages: data longer than one message, split into pages and joined again.
 
-Page 0 holds 17 bytes and says how many pages and bytes there are; pages 1…15 hold 23 each (F3411-22a,
-Authentication message). The length has 8 bits, so at most 255 bytes of data.
+Page 0 holds 17 bytes and the numbers of pages and bytes; pages 1…15 hold 23 bytes each (F3411-22a, Authentication
+message). The length has 8 bits, so the data have at most 255 bytes.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ def pages(auth_type: int, data: bytes, timestamp_s: int) -> tuple[Authentication
 
 
 def join(messages: Iterable[Authentication]) -> bytes:
-    """The data of all pages, in any order, each once or more often; of two that differ, the last one counts.
+    """The data of all pages, given in any order and possibly repeated; of two versions of a page the last one counts.
 
-    `DecodeError` where page 0 or another one is missing, or where they cannot hold the length they claim.
+    Raises `DecodeError` if a page is missing or if the pages cannot hold the length they announce.
     """
     held = {message.page: message for message in messages}
     first = held.get(0)

@@ -1,8 +1,8 @@
-"""What do these bytes say? 25 bytes → an F3411-22a message, 3 + 25 n → a pack.
+"""Decoder of F3411-22a: 25 bytes → a message, 3 + 25 n bytes → a pack.
 
-Any 25 bytes are some message, except those that call themselves a pack: values outside the standard are decoded as
-what they are and named by `faults`; a message type kept for later becomes `Reserved`. Only a body whose length
-contradicts itself is refused.
+Any 25 bytes are a valid message unless their type is that of a pack. Values outside the standard are decoded as they
+are and named by `faults`; a reserved message type becomes `Reserved`. Only a body with an inconsistent length is
+refused.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from skyrange.core.errors import DecodeError
 
 
 def decode(body: bytes) -> Message:
-    """The message or pack in `body`, which holds nothing else; `DecodeError` where its length is wrong."""
+    """Decode the message or pack that is the whole of `body`; raises `DecodeError` if its length is wrong."""
     if not body:
         raise DecodeError("no bytes, an F3411 message has 25 and a pack 3 + 25 n")
     if body[0] >> 4 == MessageType.MESSAGE_PACK:

@@ -1,7 +1,7 @@
-"""Which bytes say this? F3411-22a messages → 25 bytes, packs → 3 + 25 n.
+"""Encoder of F3411-22a: messages → 25 bytes, packs → 3 + 25 n bytes.
 
-The first byte of each is type and protocol version, four bits each; integers are little-endian. Byte places as in
-the tables of F3411-22a and `libopendroneid/opendroneid.h` (`ODID_*_encoded`).
+The first byte of each message is type and protocol version, four bits each; integers are little-endian. Byte offsets
+as in the tables of F3411-22a and `libopendroneid/opendroneid.h` (`ODID_*_encoded`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SIZE = 25
 """Bytes of a message."""
 PACK_HEADER = 3
 PACK_MOST = 9
-"""Messages in a pack: 228 bytes, what one Bluetooth 5 or Wi-Fi broadcast holds (F3411-22a, Message Pack)."""
+"""Messages in a pack: 228 bytes, the capacity of one Bluetooth 5 or Wi-Fi broadcast (F3411-22a, Message Pack)."""
 PAGE_0_DATA = 17
 PAGE_DATA = 23
 
@@ -42,9 +42,10 @@ AUTH_0 = struct.Struct("<xBBBI17s")
 
 
 def encode(message: Message) -> bytes:
-    """The bytes of `message`; `ValueError` names what has none.
+    """The bytes of `message`; raises `ValueError` naming a value that cannot be encoded.
 
-    Values that the standard forbids but that have bytes (a latitude of 95°, a reserved status) are written as asked.
+    Values that the standard forbids but that can be encoded (a latitude of 95°, a reserved status) are written as
+    given.
     """
     if isinstance(message, MessagePack):
         return pack_of([_single(part) for part in message.messages], message.version)
@@ -55,7 +56,7 @@ def pack_of(bodies: list[bytes], version: int) -> bytes:
     """The pack of 1…9 messages of 25 bytes each."""
     if not 1 <= len(bodies) <= PACK_MOST:
         raise ValueError(f"{len(bodies)} messages in a pack, expected 1…{PACK_MOST}")
-    return bytes([_first(MessageType.MESSAGE_PACK, version), SIZE, len(bodies)]) + b"".join(bodies)
+    return bytes([_first_byte(MessageType.MESSAGE_PACK, version), SIZE, len(bodies)]) + b"".join(bodies)
 
 
 def _single(message: Single) -> bytes:
@@ -73,7 +74,7 @@ def _nibbles(high: int, low: int, what: str) -> int:
     return high << 4 | low
 
 
-def _first(message_type: int, version: int) -> int:
+def _first_byte(message_type: int, version: int) -> int:
     return _nibbles(message_type, version, "message type and version")
 
 
@@ -90,7 +91,9 @@ def _text(text: str, size: int, what: str) -> bytes:
 def _basic_id(message: BasicId) -> bytes:
     kinds = _nibbles(message.id_type, message.ua_type, "id_type and ua_type")
     return (
-        bytes([_first(MessageType.BASIC_ID, message.version), kinds]) + _text(message.uas_id, 20, "uas_id") + bytes(3)
+        bytes([_first_byte(MessageType.BASIC_ID, message.version), kinds])
+        + _text(message.uas_id, 20, "uas_id")
+        + bytes(3)
     )
 
 
@@ -111,12 +114,12 @@ def _location(message: Location) -> bytes:
             values.encode_time(message.timestamp_s), _nibbles(0, message.timestamp_accuracy, "timestamp accuracy"),
         )
     )  # fmt: skip
-    body[0] = _first(MessageType.LOCATION, message.version)
+    body[0] = _first_byte(MessageType.LOCATION, message.version)
     return bytes(body)
 
 
 def _authentication(message: Authentication) -> bytes:
-    first = _first(MessageType.AUTHENTICATION, message.version)
+    first = _first_byte(MessageType.AUTHENTICATION, message.version)
     kinds = _nibbles(message.auth_type, message.page, "auth_type and page")
     size = PAGE_DATA if message.page else PAGE_0_DATA
     if len(message.data) > size:
@@ -128,7 +131,7 @@ def _authentication(message: Authentication) -> bytes:
 
 
 def _self_id(message: SelfId) -> bytes:
-    head = struct.pack("BB", _first(MessageType.SELF_ID, message.version), message.description_type)
+    head = struct.pack("BB", _first_byte(MessageType.SELF_ID, message.version), message.description_type)
     return head + _text(message.text, 23, "text")
 
 
@@ -146,18 +149,18 @@ def _system(message: System) -> bytes:
         _nibbles(message.category, message.ua_class, "category and ua_class"),
         values.encode_altitude(message.operator_alt_geo_m), message.timestamp_s,
     )  # fmt: skip
-    return bytes([_first(MessageType.SYSTEM, message.version)]) + body[1:]
+    return bytes([_first_byte(MessageType.SYSTEM, message.version)]) + body[1:]
 
 
 def _operator_id(message: OperatorId) -> bytes:
-    head = struct.pack("BB", _first(MessageType.OPERATOR_ID, message.version), message.operator_id_type)
+    head = struct.pack("BB", _first_byte(MessageType.OPERATOR_ID, message.version), message.operator_id_type)
     return head + _text(message.operator_id, 20, "operator_id") + bytes(3)
 
 
 def _reserved(message: Reserved) -> bytes:
     if len(message.data) != SIZE - 1:
         raise ValueError(f"{len(message.data)} bytes of data, expected {SIZE - 1}")
-    return bytes([_first(message.message_type, message.version)]) + message.data
+    return bytes([_first_byte(message.message_type, message.version)]) + message.data
 
 
 _ENCODERS: Final[dict[type, Callable[[Any], bytes]]] = {

@@ -1,7 +1,7 @@
-"""What does this message hold that the standard does not allow, or that is not to be taken at its word?
+"""Conformance check of F3411 messages: values that the standard does not allow, or that are saturated.
 
 A receiver needs the values of a forged message as much as those of an honest one, so nothing is dropped: each
-departure is named, and the application decides.
+deviation is named, and the application decides.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _SERIAL: Final = re.compile(r"[0-9A-HJ-NP-Z]{4}([1-9A-F])([0-9A-HJ-NP-Z]{1,15})"
 
 
 def faults(message: Message) -> tuple[str, ...]:
-    """One text per departure, `field value: what the standard says`; empty for a message without any.
+    """One text per deviation, `field value: what the standard says`; empty for a conforming message.
 
     A saturated speed (254.25 m/s, ±62 m/s) is named too: it is allowed, but it means "or more".
     """
@@ -57,13 +57,13 @@ def faults(message: Message) -> tuple[str, ...]:
 
 
 def is_serial_number(text: str) -> bool:
-    """Whether `text` has the form of an ANSI/CTA-2063-A serial number, which 14 CFR 89.505 asks for."""
+    """Whether `text` has the form of an ANSI/CTA-2063-A serial number, which 14 CFR 89.505 requires."""
     match = _SERIAL.fullmatch(text)
     return match is not None and int(match[1], 16) == len(match[2])
 
 
 def _reserved(name: str, code: int, known: int, last: int) -> list[str]:
-    """A fault for a code above the last `known` one, up to the `last` reserved one."""
+    """A deviation for a code above the last `known` one, up to the `last` reserved one."""
     return [f"{name} {code}: reserved"] if known < code <= last else []
 
 

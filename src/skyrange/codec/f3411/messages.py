@@ -1,9 +1,9 @@
-"""What can a Remote ID broadcast say? The messages of ASTM F3411-22a as values, `None` where one is unknown.
+"""Message types of ASTM F3411-22a as values; `None` is unknown.
 
 Altitudes named `alt_geo_m` and `operator_alt_geo_m` are heights above the WGS 84 **ellipsoid**; MAVLink's are above
 mean sea level (`core.geodesy.Origin.ellipsoid_of`, `.msl_of`). Codes are plain `int`s so that a reserved one can be
-carried; the enumerations give the known ones their names. Nothing here is checked: `faults` says what a message
-holds that the standard does not allow, `encode` refuses what has no bytes.
+carried; the enumerations name the known ones. Nothing is checked here: `faults` names what the standard does not
+allow, and `encode` refuses what cannot be encoded.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from uuid import UUID
 PROTOCOL_VERSION: Final = 2
 """Of F3411-22a; 0 is F3411-19, 1 its draft 1.1 and ASD-STAN prEN 4709-002 P1."""
 EPOCH_2019_S: Final = 1_546_300_800
-"""Unix time of 2019-01-01T00:00:00Z, from which System and Authentication count their seconds."""
+"""Unix time of 2019-01-01T00:00:00Z, the epoch of the seconds in System and Authentication."""
 
 
 class MessageType(IntEnum):
@@ -31,7 +31,7 @@ class MessageType(IntEnum):
 
 
 class IdType(IntEnum):
-    """What kind of identifier a Basic ID carries; 5…15 are reserved."""
+    """The kind of identifier in a Basic ID; 5…15 are reserved."""
 
     NONE = 0
     SERIAL_NUMBER = 1
@@ -41,7 +41,7 @@ class IdType(IntEnum):
 
 
 class UaType(IntEnum):
-    """What kind of aircraft a Basic ID names."""
+    """The kind of aircraft in a Basic ID."""
 
     NONE = 0
     AEROPLANE = 1
@@ -72,14 +72,14 @@ class Status(IntEnum):
 
 
 class HeightType(IntEnum):
-    """What a Location's height is measured from."""
+    """The reference of a Location's height."""
 
     OVER_TAKEOFF = 0
     OVER_GROUND = 1
 
 
 class AuthType(IntEnum):
-    """What an Authentication's data are; 6…9 are reserved, 10…15 private."""
+    """The kind of data in an Authentication message; 6…9 are reserved, 10…15 private."""
 
     NONE = 0
     UAS_ID_SIGNATURE = 1
@@ -90,7 +90,7 @@ class AuthType(IntEnum):
 
 
 class DescriptionType(IntEnum):
-    """What a Self-ID's text is; 3…200 are reserved, 201…255 private."""
+    """The kind of text in a Self-ID; 3…200 are reserved, 201…255 private."""
 
     TEXT = 0
     EMERGENCY = 1
@@ -98,7 +98,7 @@ class DescriptionType(IntEnum):
 
 
 class OperatorLocationType(IntEnum):
-    """Where the operator's place in a System comes from; 3 is reserved."""
+    """The source of the operator's position in a System message; 3 is reserved."""
 
     TAKEOFF = 0
     LIVE_GNSS = 1
@@ -106,19 +106,19 @@ class OperatorLocationType(IntEnum):
 
 
 class Classification(IntEnum):
-    """Whose categories and classes a System uses; 2…7 are reserved."""
+    """The regulator whose categories and classes a System message uses; 2…7 are reserved."""
 
     UNDECLARED = 0
     EU = 1
 
 
 class BasicId(NamedTuple):
-    """Who is it? An aircraft may send two: serial number and, say, a session id."""
+    """Identity of an aircraft. An aircraft may send two, such as its serial number and a session id."""
 
     id_type: int
     ua_type: int
     uas_id: str
-    """One character per byte (latin-1), the zeros behind cut off; up to 20. See `label` for binary identifiers."""
+    """One character per byte (latin-1), up to 20, without trailing zeros. `label` formats binary identifiers."""
     version: int = PROTOCOL_VERSION
 
     @property
@@ -133,7 +133,7 @@ class BasicId(NamedTuple):
 
 
 class Location(NamedTuple):
-    """Where is it, and where does it go?"""
+    """Position, velocity and status of an aircraft, with their accuracies."""
 
     status: int = Status.UNDECLARED
     lat_deg: float | None = None
@@ -168,13 +168,13 @@ class Location(NamedTuple):
 
 
 class Authentication(NamedTuple):
-    """One page of proof; `authentication.pages` makes them of data, `authentication.join` puts them together."""
+    """One page of authentication data; `authentication.pages` makes them, and `authentication.join` joins them."""
 
     auth_type: int
     page: int
     """0…15."""
     data: bytes
-    """17 bytes on page 0, 23 on the others; zeros behind."""
+    """17 bytes on page 0, 23 on the others; padded with zeros."""
     last_page: int | None = None
     """0…15; on page 0 only, as the two below."""
     length: int | None = None
@@ -185,7 +185,7 @@ class Authentication(NamedTuple):
 
 
 class SelfId(NamedTuple):
-    """What does the operator say it does? Free text."""
+    """Free text by which the operator describes the flight."""
 
     description_type: int
     text: str
@@ -194,7 +194,7 @@ class SelfId(NamedTuple):
 
 
 class System(NamedTuple):
-    """Where is the operator, how many aircraft fly together, and of which category?"""
+    """Position of the operator, number of aircraft flying together, and their category."""
 
     operator_location_type: int = OperatorLocationType.TAKEOFF
     operator_lat_deg: float | None = None
@@ -218,7 +218,7 @@ class System(NamedTuple):
 
 
 class OperatorId(NamedTuple):
-    """Who operates it? An identifier that an authority gave."""
+    """Identifier that an authority assigned to the operator."""
 
     operator_id_type: int
     """0 is the operator id; 1…200 are reserved, 201…255 private."""
@@ -228,11 +228,11 @@ class OperatorId(NamedTuple):
 
 
 class Reserved(NamedTuple):
-    """A message of a type that the standard keeps for later, or a pack within a pack; carried, not understood."""
+    """A message of a reserved type, or a pack within a pack; carried without being decoded."""
 
     message_type: int
     data: bytes
-    """The 24 bytes behind the first."""
+    """The 24 bytes after the first."""
     version: int = PROTOCOL_VERSION
 
 
@@ -241,7 +241,7 @@ Single: TypeAlias = BasicId | Location | Authentication | SelfId | System | Oper
 
 
 class MessagePack(NamedTuple):
-    """Several messages in one broadcast, which Bluetooth 5 and Wi-Fi carry."""
+    """Several messages in one broadcast, as Bluetooth 5 and Wi-Fi carry them."""
 
     messages: tuple[Single, ...]
     """1…9."""

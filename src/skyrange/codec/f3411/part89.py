@@ -1,7 +1,7 @@
-"""Which of the elements that 14 CFR part 89 asks for does a broadcast carry? The rule's lists, as fields of F3411.
+"""Message elements required by 14 CFR part 89, as fields of F3411 messages.
 
-14 CFR 89.305 (standard Remote ID aircraft) and 89.315 (broadcast modules), Amdt. 89-1, 86 FR 4505. An element is
-carried where its fields are known; whether they are right is another question (89.310, 89.320).
+14 CFR 89.305 (standard Remote ID aircraft) and 89.315 (broadcast modules), Amdt. 89-1, 86 FR 4505. An element counts
+as carried if its fields are known; whether they are accurate is another question (89.310, 89.320).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Element(NamedTuple):
     fields: str
     """Message and fields, as the reference page shows them."""
     carried: Callable[[Message], bool]
-    """Whether one message carries the element whole."""
+    """Whether a message carries the whole element."""
 
 
 def _identity(*kinds: int) -> Callable[[Message], bool]:
@@ -80,7 +80,7 @@ STANDARD: Final = (
         lambda message: isinstance(message, Location) and message.status != Status.UNDECLARED,
     ),
 )  # fmt: skip
-"""Of a standard Remote ID aircraft."""
+"""The elements of a standard Remote ID aircraft."""
 
 MODULE: Final = (
     Element(
@@ -100,11 +100,11 @@ MODULE: Final = (
     ),
     Element("89.315(g)", "time mark (UTC) of a position", _TIME_TEXT, _known(Location, "timestamp_s")),
 )  # fmt: skip
-"""Of a Remote ID broadcast module."""
+"""The elements of a Remote ID broadcast module."""
 
 
 def missing(messages: Iterable[Message], elements: tuple[Element, ...] = STANDARD) -> tuple[str, ...]:
-    """The clauses whose element none of `messages` carries, packs looked into."""
+    """The clauses whose element is in none of `messages`; packs are searched."""
     said: list[Message] = []
     for message in messages:
         said += message.messages if isinstance(message, MessagePack) else (message,)

@@ -1,9 +1,9 @@
-"""How does F3411 write a number? Speeds, altitudes, directions, places, times and accuracies ↔ their integers.
+"""Number formats of F3411: speeds, altitudes, directions, positions, times and accuracies as integers.
 
-ASTM F3411-22a, tables of the Basic ID to Operator ID messages; the same resolutions and special values stand in
-opendroneid-core-c (`libopendroneid/opendroneid.h`, `opendroneid.c`), and test vectors hold the two together. Numbers
-are rounded to the nearest step, halves to the even one. The `encode_*` functions saturate where the standard says
-that the last value means "or more", and raise `ValueError` for what has no bytes.
+ASTM F3411-22a, tables of the Basic ID to Operator ID messages; opendroneid-core-c (`libopendroneid/opendroneid.h`,
+`opendroneid.c`) has the same resolutions and special values, and test vectors compare the two. Numbers are rounded to
+the nearest step, halves to the even one. The `encode_*` functions saturate where the standard defines the last value
+as "or more", and raise `ValueError` for values that cannot be encoded.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ SPEED_FAST_STEP_MPS: Final = 0.75
 SPEED_KNEE_MPS: Final = 63.75
 """255 × 0.25."""
 SPEED_MAX_MPS: Final = 254.25
-"""254 × 0.75 + 63.75: that or faster."""
+"""254 × 0.75 + 63.75: this speed or faster."""
 SPEED_UNKNOWN: Final = (255, 1)
-"""Byte and multiplier bit of "255 m/s", which is unknown."""
+"""Byte and multiplier bit of "255 m/s", which means unknown."""
 VERTICAL_STEP_MPS: Final = 0.5
 VERTICAL_MAX_MPS: Final = 62.0
-"""That or faster, up or down."""
+"""This speed or faster, up or down."""
 VERTICAL_UNKNOWN: Final = 126
 """"63 m/s"."""
 ALTITUDE_STEP_M: Final = 0.5
 ALTITUDE_LEAST_M: Final = -1000.0
-"""Written 0, which is unknown."""
+"""Written as 0, which means unknown."""
 ALTITUDE_MAX_M: Final = 31767.5
 DEGREES: Final = 10_000_000
-"""Latitude and longitude count 1e-7 degrees; both 0 is unknown."""
+"""Latitude and longitude count 1e-7 degrees; both 0 means unknown."""
 TRACK_UNKNOWN: Final = (181, 1)
 """Byte and east/west bit of "361°"."""
 TIME_STEPS_PER_S: Final = 10
@@ -52,7 +52,7 @@ SPEED_ACCURACY_MPS: Final = (None, 10.0, 3.0, 1.0, 0.3)
 
 
 def accuracy_code(table: tuple[float | None, ...], error: float | None) -> int:
-    """The code in `table` that promises most and still holds for `error` (below the limit); 0 where none does."""
+    """The code in `table` of the tightest limit above `error`; 0 if there is none."""
     if error is None or not isfinite(error) or error < 0:
         return 0
     code = 0
@@ -63,7 +63,7 @@ def accuracy_code(table: tuple[float | None, ...], error: float | None) -> int:
 
 
 def timestamp_accuracy_code(error_s: float | None) -> int:
-    """Tenths of a second, upwards, at least 1 and at most 15; 0 where unknown or above 1.5 s."""
+    """Tenths of a second, rounded up, at least 1 and at most 15; 0 if unknown or above 1.5 s."""
     if error_s is None or not 0 <= error_s <= 1.5:
         return 0
     return max(1, -int(-error_s * 10 // 1))
@@ -87,7 +87,7 @@ def encode_speed(speed_mps: float | None) -> tuple[int, int]:
 
 
 def decode_speed(value: int, fast: int) -> float | None:
-    """Metres per second; the multiplier bit is `fast`."""
+    """Metres per second; `fast` is the multiplier bit."""
     if (value, fast) == SPEED_UNKNOWN:
         return None
     return value * SPEED_FAST_STEP_MPS + SPEED_KNEE_MPS if fast else value * SPEED_STEP_MPS
@@ -107,7 +107,7 @@ def decode_vertical(value: int) -> float | None:
 
 
 def encode_altitude(altitude_m: float | None) -> int:
-    """16 bits; the lowest known one is −999.5 m, since −1000 m says unknown."""
+    """16 bits; the lowest known altitude is −999.5 m, since −1000 m means unknown."""
     if altitude_m is None:
         return 0
     held = min(max(_finite(altitude_m, "altitude"), ALTITUDE_LEAST_M + ALTITUDE_STEP_M), ALTITUDE_MAX_M)
@@ -120,7 +120,7 @@ def decode_altitude(value: int) -> float | None:
 
 
 def encode_place(lat_deg: float | None, lon_deg: float | None) -> tuple[int, int]:
-    """Two signed integers of 32 bits. A latitude of 95° can be written (somebody may), one of 220° cannot."""
+    """Two signed integers of 32 bits. A latitude of 95° can be encoded (a sender may claim it), one of 220° cannot."""
     if lat_deg is None or lon_deg is None:
         if lat_deg is not None or lon_deg is not None:
             raise ValueError(f"lat_deg {lat_deg}, lon_deg {lon_deg}: both or neither")
@@ -148,7 +148,7 @@ def encode_track(track_deg: float | None) -> tuple[int, int]:
 
 
 def decode_track(value: int, west: int) -> float | None:
-    """Degrees; bytes above 179 are not allowed and come out as the 180…435° they add up to, 360 as 0."""
+    """Degrees. Bytes above 179 are not allowed by the standard and decode to their sum, 180…435°; 360 decodes to 0."""
     if (value, west) == TRACK_UNKNOWN:
         return None
     degrees = value + 180 * west

@@ -1,1 +1,1 @@
-"""How does an aircraft fly on a real ArduPilot? One `arducopter` process each, behind the contract of the builtin."""
+"""Real ArduPilots: one `arducopter` process per aircraft, behind the same contract as the builtin autopilot."""

@@ -1,8 +1,8 @@
-"""Which exchanges go out together? Those of a turn of ArduPilot's main loop: it answers nothing new in between.
+"""Batches of exchanges: those of one iteration of ArduPilot's main loop are sent together.
 
-Its loop sets the motors once a turn, and reads its gyros about twice. So the pulse widths of the exchanges before the
-last are known already, the world can go on by them, and a process that gets all lines of a turn at once wakes up half
-as often. Which exchange is a turn's last, its answers tell.
+Its loop sets the motors once per iteration and reads its gyros about twice. So the pulse widths of all exchanges but
+the last are known already, the world can advance with them, and a process that gets all lines of an iteration at once
+wakes up half as often. Its answers show which exchange is the last of an iteration.
 """
 
 from __future__ import annotations
@@ -17,28 +17,34 @@ Ints = NDArray[np.int64]
 
 
 class Batches:
-    """Of all aircraft of a fleet. A moment is a tick with exchanges, whose lines go out together in any case."""
+    """The batches of all aircraft of a fleet. A moment is a tick with exchanges, whose lines are
+    always sent together.
+    """
 
     def __init__(self, per_tick: Ints, ticks: Ints, moments: Ints) -> None:
-        """Arrays (n,): exchanges per tick and ticks per exchange, as `parameters.steps_of`, `moments` per turn."""
+        """Arrays (n,): exchanges per tick and ticks per exchange, as `parameters.steps_of`; `moments` per iteration."""
         self.lines: Ints = np.zeros(len(ticks), dtype=np.int64)
-        """(n,) how many are written and not answered."""
+        """(n,) how many lines are written and not answered."""
         self._per_tick, self._ticks, self._moments = per_tick, ticks, moments
         self._all_at_once = not (ticks > 1).any()
         self._wanted: Ints = moments.copy()
-        """The moments whose lines go out together next."""
+        """Number of moments in the next batch."""
         self._pulses: NDArray[np.uint8] = np.zeros((len(ticks), 2 * MOTORS), dtype=np.uint8)
 
     def at(self, number: int, rows: Ints) -> Ints:
-        """Those of `rows` that have a moment in the tick of this number."""
+        """Those of `rows` that have a moment in the tick with this number."""
         return rows if self._all_at_once else _at(number, self._ticks, rows)
 
     def written(self, rows: Ints) -> Ints:
-        """The lines of a moment are written for `rows`; returns those of them whose lines are to be sent now."""
+        """Count the lines of a moment as written for `rows`; returns the rows whose batch is complete and has to be
+        sent.
+        """
         return _written(rows, self._per_tick, self._wanted, self.lines)
 
     def answered(self, rows: Ints, taken: Ints, answers: NDArray[np.uint8]) -> None:
-        """`rows` have answered all their lines, or are lost: of `answers` (k, n, bytes) so many as `taken` (n,) has."""
+        """Take in that `rows` have answered all their lines, or are lost: of `answers` (k, n, bytes) the first `taken`
+        (n,).
+        """
         _answered(rows, taken, answers, self._per_tick, self._moments, self._pulses, self._wanted, self.lines)
 
 
@@ -86,6 +92,6 @@ def _answered(
                 pulses[row, k] = answers[turn, row, k]
             if new:
                 changed = min(changed, turn // per_tick[row])
-        # a turn ends where the pulses change; where that is not its last moment the next batch ends with it
+        # an iteration ends where the pulses change; if that was not the last moment, the next batch ends there
         wanted[row] = changed + 1 if changed < last else moments[row]
         lines[row] = 0

@@ -1,4 +1,4 @@
-"""Which `arducopter` is there? Found by variable, PATH or installed copy, and looked into without running it."""
+"""ArduCopter binary: found by variable, on PATH or among installed copies, and examined without running it."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.vehicle.ardupilot.executable import ailment
 
 VARIABLE: Final = "SKYRANGE_ARDUCOPTER"
-"""Environment variable that names the binary, before all else."""
+"""Environment variable that names the binary; it precedes all other places."""
 
 PROGRAM: Final = "arducopter"
 
 LEAST: Final = (4, 5)
-"""Versions before this one (major, minor) are refused: names of parameters and of command-line options differ."""
+"""Older versions (major, minor) are refused: names of parameters and of command-line options differ."""
 
 SUPPORTED: Final = (4, 6)
 """From this version (major, minor) on, flights are expected to work."""
 
 MOST_BYTES: Final = 256 << 20
-"""A file larger than this is not read; ArduPilot's own are 4 to 10 MB, with debug symbols 80 MB."""
+"""A larger file is not read; ArduPilot's own binaries have 4 to 10 MB, with debug symbols 80 MB."""
 
 ANSWER_S: Final = 10.0
-"""Wall time in which a binary must answer `--help`; it takes some 10 ms."""
+"""Wall time within which a binary must answer `--help`; it takes some 10 ms."""
 
 OPTIONS: Final = (
     "--model",
@@ -43,23 +43,24 @@ OPTIONS: Final = (
     "--start-time",
     "--sysid",
 )
-"""Options of the command line that the engine uses, as `--help` must list them."""
+"""The command-line options that the engine uses; `--help` must list them."""
 
 CAPABILITIES: Final = {
     "lockstep": b"no_time_sync\0",
     "GNSS over MAVLink": b"AP_GPS_MAV",
     "Open Drone ID": b"OpenDroneID",
 }
-"""What a build may have or lack, and what stands in the file then: a key of the JSON backend, names of classes."""
+"""Optional capabilities of a build, and the bytes that show them in the file: a key of the JSON backend, names of
+classes."""
 
 _FIRMWARE: Final = re.compile(
     rb"(ArduCopter|APM:Copter|ArduPlane|APM:Plane|ArduRover|APM:Rover|ArduSub|Blimp|AntennaTracker|AP_Periph)"
     rb" V(\d{1,3}\.\d{1,3}(?:\.\d{1,3})?(?:-?[A-Za-z]{1,8}\d{0,3})?)(?=[\0\s(])"
 )
-"""The firmware's name for itself, as each vehicle's version.h spells it ("ArduCopter V4.6.3")."""
+"""The firmware's own name, as each vehicle's version.h spells it ("ArduCopter V4.6.3")."""
 
 _SIMULATION_MARK: Final = b"--speedup"
-"""Stands in the help text of a build for SITL and in no build for a flight controller."""
+"""Occurs in the help text of a build for SITL and in no build for a flight controller."""
 
 _SUPPORTED: Final = ".".join(map(str, SUPPORTED))
 
@@ -70,7 +71,7 @@ _HOW_TO_GET: Final = f"Run `skyrange install ardupilot`, or set {VARIABLE} to an
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """An ArduCopter for SITL: `version` as its firmware says ("4.6.3", "4.7.0-dev"), `sha256` in hex of the file.
+    """An ArduCopter for SITL: `version` as its firmware states it ("4.6.3", "4.7.0-dev"), `sha256` of the file in hex.
 
     `capabilities` are those of `CAPABILITIES` that were built in.
     """
@@ -83,24 +84,24 @@ class Binary:
 
 
 _seen: dict[tuple[str, int, int], Binary] = {}
-"""Files already read and found good, by path, size and time of change."""
+"""Files that were examined and accepted, by path, size and time of change."""
 
 
 def data_folder() -> Path:
-    """Where installed copies are, each in a folder named after its version."""
+    """The folder of installed copies, each in a folder named after its version."""
     user = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
     return Path(user) / "skyrange" / "ardupilot"
 
 
 def installed() -> list[Path]:
-    """Installed copies, the newest version first; looked at by name only."""
+    """Installed copies, the newest version first, by name only."""
     return sorted(data_folder().glob(f"*/{PROGRAM}"), key=lambda path: order(path.parent.name), reverse=True)
 
 
 def find() -> Binary:
-    """The `arducopter` to fly with: of the variable SKYRANGE_ARDUCOPTER, else on PATH, else the newest installed.
+    """The `arducopter` to use: from the variable SKYRANGE_ARDUCOPTER, else on PATH, else the newest installed one.
 
-    The first that is there counts: if it will not do, that is an `InputError`, and so is none at all.
+    The first one that exists is used. Raises `InputError` if it is unsuitable, or if there is none.
     """
     named = os.environ.get(VARIABLE)
     if named:
@@ -115,9 +116,10 @@ def find() -> Binary:
 
 
 def examine(path: Path, source: Source = "installed") -> Binary:
-    """Look into a file without running it: a whole program for this machine, and an ArduCopter not too old.
+    """Examine a file without running it: it must be a complete program for this machine, and a recent enough
+    ArduCopter.
 
-    Raises `InputError`, blaming the source, with what the file is instead.
+    Raises `InputError`, naming the source of the path, with what the file is instead.
     """
     who = {VARIABLE: VARIABLE, "PATH": "arducopter on PATH", "installed": "installed arducopter"}[source]
     path = path.absolute()
@@ -125,7 +127,7 @@ def examine(path: Path, source: Source = "installed") -> Binary:
     try:
         facts = path.stat()
         if stat.S_ISDIR(facts.st_mode):
-            hint = "Give the path of the file in it."
+            hint = "Give the path of the file in that folder."
             raise InputError.one(who, where, "a folder", "the arducopter file itself", hint)
         if not stat.S_ISREG(facts.st_mode):
             raise InputError.one(who, where, "not a regular file", "an arducopter file", _HOW_TO_GET)
@@ -140,15 +142,15 @@ def examine(path: Path, source: Source = "installed") -> Binary:
             _seen[key] = Binary(path, hashlib.sha256(data).hexdigest(), version, source, capabilities)
     except OSError as error:
         problem = (error.strerror or str(error)).lower()
-        raise InputError.one(who, where, problem, "an arducopter file that can be read", _HOW_TO_GET) from None
+        raise InputError.one(who, where, problem, "a readable arducopter file", _HOW_TO_GET) from None
     if not os.access(path, os.X_OK):
-        hint = f"Allow it: chmod +x {shlex.quote(where)}"
-        raise InputError.one(who, where, "a file that may not be run", "an executable", hint)
+        hint = f"Make it executable: chmod +x {shlex.quote(where)}"
+        raise InputError.one(who, where, "a file that is not executable", "an executable", hint)
     return replace(_seen[key], source=source)
 
 
 def _version(data: bytes, who: str, where: str) -> str:
-    """The version of the ArduCopter that `data` is; `InputError` if it is none for this machine."""
+    """The version of the ArduCopter in `data`; raises `InputError` if it is not one for this machine."""
     machine = platform.machine()
     expected = f"ArduPilot's ArduCopter for SITL, a Linux program for {machine}"
     wrong = ailment(data, machine)
@@ -172,7 +174,7 @@ def _version(data: bytes, who: str, where: str) -> str:
 
 
 def order(version: str) -> tuple[tuple[int, ...], int, int]:
-    """By which versions sort: numbers, then dev, beta, rc, released, then the count of the beta or rc."""
+    """Sort key of a version: numbers, then dev, beta, rc, released, then the number of the beta or rc."""
     found = re.match(r"(\d+(?:\.\d+)*)-?([A-Za-z]*)(\d*)", version)
     if found is None:
         return (), 0, 0
@@ -181,7 +183,9 @@ def order(version: str) -> tuple[tuple[int, ...], int, int]:
 
 
 def confirm(who: str, ended: str, text: str) -> None:
-    """Check what `who` answered to `--help`: how it ended, and the text. `ComponentError` if it is not as SITL's is."""
+    """Check how `who` answered `--help`: how it ended, and its output. Raises `ComponentError` unless both are as in
+    SITL.
+    """
     if ended != "exit 0":
         said = text.strip().splitlines()
         raise ComponentError(who, f"`--help` ended with {ended}" + (f": {said[-1][:200]}" if said else ""))

@@ -1,7 +1,7 @@
-"""Can these bytes be run as a program on this machine, and if not, what are they?
+"""ELF check: whether a file is a program for this machine, and what it is otherwise.
 
-Only the headers are looked at (System V ABI, "ELF Header" and "Program Header"; machine numbers of its
-registry); nothing is run.
+Only the headers are read (System V ABI, "ELF Header" and "Program Header"; machine numbers of its registry); nothing
+is run.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ MACHINES: Final = {
     "x86_64": (64, 62), "amd64": (64, 62), "aarch64": (64, 183), "arm64": (64, 183), "armv7l": (32, 40),
     "armv6l": (32, 40), "i686": (32, 3), "i386": (32, 3), "riscv64": (64, 243), "ppc64le": (64, 21), "s390x": (64, 22),
 }  # fmt: skip
-"""Names that `platform.machine` gives, and the word length and `e_machine` of their programs."""
+"""Names that `platform.machine` returns, and the word length and `e_machine` of their programs."""
 
 _OTHER: Final = (
     (b"#!", "a script"),
@@ -28,7 +28,7 @@ _OTHER: Final = (
     (b"{", "JSON, as an .apj firmware for flight controllers is"),
     (b":", "an Intel HEX firmware for flight controllers"),
 )
-"""How files begin that are mistaken for programs."""
+"""First bytes of files that are mistaken for programs."""
 
 
 class _Layout(NamedTuple):
@@ -39,7 +39,7 @@ class _Layout(NamedTuple):
     """One program header, up to `p_filesz`."""
 
     offset: int
-    """Which of the segment's values is `p_offset`; `p_filesz` is three on."""
+    """Index of `p_offset` among the segment's values; `p_filesz` is three further."""
 
 
 _LAYOUTS: Final = {
@@ -52,12 +52,12 @@ _LOADED: Final = 1
 
 
 def ailment(data: bytes, machine: str) -> str:
-    """What keeps the file `data` from being a program for `machine`, a name of `MACHINES`; "" if nothing does.
+    """Why the file `data` is not a program for `machine`, a name of `MACHINES`; "" if it is one.
 
-    Of a machine not listed, the word length and type of its programs are not known, and any will do.
+    For a machine that is not listed, any word length and type is accepted.
     """
     if not data.startswith(b"\x7fELF"):
-        return _named(data)
+        return _file_kind(data)
     bits, order = {1: 32, 2: 64}.get(_at(data, 4)), _BYTE_ORDERS.get(_at(data, 5))
     if bits is None or order is None:
         return "an ELF file with a broken header"
@@ -95,9 +95,9 @@ def _at(data: bytes, index: int) -> int:
     return data[index] if index < len(data) else -1
 
 
-def _named(data: bytes) -> str:
-    """What a file is that is no ELF file."""
+def _file_kind(data: bytes) -> str:
+    """The kind of a file that is not ELF."""
     start = data[:512].lstrip()
     if not data:
         return "an empty file"
-    return next((name for magic, name in _OTHER if start.startswith(magic)), "a file that is no program")
+    return next((name for magic, name in _OTHER if start.startswith(magic)), "a file that is not a program")

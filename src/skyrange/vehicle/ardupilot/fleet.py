@@ -1,8 +1,8 @@
-"""What have all fleets of ArduPilot processes in common? Parameters, start, mail, fixes, what is heard, and the end.
+"""Common base of fleets of ArduPilot processes: parameters, start, arriving frames, GNSS fixes, reports, and shutdown.
 
-`lockstep` and `native` differ in whose physics they fly by, and so in how time passes. In both, serial port 0 of each
-process is the link `autopilot`; port 1 is private: GNSS goes in, and what it tells of itself comes out. Where
-MAVLink is signed it is the other way round (`parameters.crossed`).
+`lockstep` and `native` differ in whose physics moves the aircraft, and so in how time passes. In both, serial port 0
+of each process is the link `autopilot`; port 1 is private: GNSS fixes go in, and reports about its state come out. If
+MAVLink is signed the ports are swapped (`parameters.crossed`).
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from skyrange.vehicle.spec import VehicleSpec
 from skyrange.world.airframes import MOTORS
 
 QUANTUM_NS: Time = 2_500_000
-"""The world's tick; in lockstep another is refused."""
+"""The world's tick; in lockstep any other is refused."""
 WARM_UP_NS: Time = 45 * NS_PER_S
-"""Until an ArduPilot that stands still may be armed: so long its estimator looks at compass and GNSS."""
+"""Time until an ArduPilot at rest may be armed: its estimator observes compass and GNSS for that long."""
 PRIVATE = 1
-"""The place of the serial port that no ground station hears."""
+"""Index of the serial port that no ground station receives."""
 START_S = 60.0
-"""Wall seconds in which a process has to have come up, and in which it has to answer while it boots."""
+"""Wall seconds in which a process has to start, and in which it has to answer while it boots."""
 OPEN = 2
-"""The serial port where a ground station may be let in."""
+"""Index of the serial port on which a ground station may connect."""
 
 
 @dataclass(slots=True)
@@ -54,33 +54,33 @@ class Instance:
 
     spec: VehicleSpec
     values: Mapping[str, float]
-    """Its parameters that are not the firmware's defaults."""
+    """Its parameters that differ from the firmware's defaults."""
     arguments: Mapping[str, Any]
-    """What its process was started with."""
+    """The arguments its process was started with."""
     sitl: Sitl
     onboard: Packer
-    """Ours on the private port."""
+    """Packs our frames on the private port."""
     status: InstanceStatus = InstanceStatus.BOOTING
     deframer: Deframer = field(default_factory=Deframer)
     private: Deframer = field(default_factory=Deframer)
     witness: Witness = field(default_factory=Witness)
     asked: int = 0
-    """How many reports the private port has been asked for."""
+    """How many reports were requested on the private port."""
     signs: bool = False
-    """What it says on its public port is signed."""
+    """Whether the frames on its public port are signed."""
 
     @property
     def alive(self) -> bool:
-        """Whether it is neither lost nor given up."""
+        """Whether it is booting or ready."""
         return self.status in (InstanceStatus.BOOTING, InstanceStatus.READY)
 
     def restarted(self, outbox: Outbox) -> None:
-        """It has begun anew: nothing holds that was known of it."""
+        """It has rebooted: forget what was known of it."""
         self.asked, self.witness = 0, Witness()
         outbox.note("event.reboot", self.spec.vehicle, {"system_id": self.spec.system_id})
 
     def lose(self, status: InstanceStatus, outbox: Outbox) -> None:
-        """It has ended or is silent; should it wake up, its time has passed."""
+        """It has ended or is silent: end it, because it could not catch up."""
         self.status = status
         program = self.sitl.program
         outbox.note("event.autopilot_lost", self.spec.vehicle, {"ended": program.ended, "said": program.last_words()})
@@ -98,12 +98,12 @@ class Fleet(EngineBase, ABC):
     moves: Sequence[str] = ()
     runs_programs = True
     reports: Mapping[int, float] = REPORTS
-    """What the private port is asked for, in Hz."""
+    """The reports requested on the private port, in Hz."""
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
-        """Find the binary and check all parameters against its list; nothing keeps running.
+        """Find the binary and check all parameters against its list; no process is left running.
 
-        Raises `InputError` where there is no binary or a parameter is wrong.
+        Raises `InputError` if there is no binary or a parameter is wrong.
         """
         self.name = name
         self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
@@ -112,7 +112,7 @@ class Fleet(EngineBase, ABC):
         self._listed = parameters_of(self.binary.path, self.binary.sha256)
         check_free(options.opened(len(specs)), "options.ardupilot.open_port")
         if options.open_port:
-            self.repeatable = "outcome"  # who connects, and when, no seed says
+            self.repeatable = "outcome"  # no seed determines who connects, and when
         self._specs = tuple(specs)
         self._origin, self._epoch = origin, epoch
         self.ports: Sequence[Port] = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
@@ -122,7 +122,7 @@ class Fleet(EngineBase, ABC):
         self._folder: TemporaryDirectory[str] | None = None
         self._instances: list[Instance] = []
         self._switchboard = Switchboard()
-        self._unheard: set[int] = set(range(len(specs)))
+        self._unconnected: set[int] = set(range(len(specs)))
         """Rows of which not all serial ports are connected."""
         self._commands = np.zeros((len(specs), MOTORS))
         self._skew = Skew()
@@ -132,7 +132,7 @@ class Fleet(EngineBase, ABC):
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What the record says of it; once it has flown, how far the processes' clocks were from the run's, ms."""
+        """Its entry in the record; after a flight also how far the processes' clocks were from the run's, in ms."""
         said = {
             "version": self.binary.version,
             "sha256": self.binary.sha256,
@@ -145,10 +145,10 @@ class Fleet(EngineBase, ABC):
 
     @abstractmethod
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
-        """Its parameters. Raises `InputError` with all that is wrong with those given."""
+        """The parameters of one aircraft. Raises `InputError` with everything that is wrong with the given ones."""
 
     @abstractmethod
-    def _launch(self, **arguments: Any) -> Sitl:
+    def _start_process(self, **arguments: Any) -> Sitl:
         """Start a process; `arguments` are those that every `Sitl` takes."""
 
     def _check(self) -> None:
@@ -169,7 +169,7 @@ class Fleet(EngineBase, ABC):
         return parameters.refused(spec.params, self._listed, told)
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
-        """Start all processes, whose own time begins at `tick`; waits for none."""
+        """Start all processes, whose own time begins at `tick`, without waiting for any."""
         make_room(FILES * len(self._specs), f"engine {self.name}")
         self._folder = TemporaryDirectory(prefix="skyrange-")
         opened = self._options.opened(len(self._specs))
@@ -193,7 +193,7 @@ class Fleet(EngineBase, ABC):
                 "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
             }
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
-            self._instances.append(Instance(spec, values, arguments, self._launch(**arguments), packer))
+            self._instances.append(Instance(spec, values, arguments, self._start_process(**arguments), packer))
 
     def _own_folder(self, vehicle: str, suffix: str = "") -> Path:
         assert self._folder is not None
@@ -201,13 +201,13 @@ class Fleet(EngineBase, ABC):
         folder.mkdir()
         return folder
 
-    def _launch_again(self, one: Instance, suffix: str) -> None:
-        """The same in a folder of another name, the one before ended."""
+    def _restart_process(self, one: Instance, suffix: str) -> None:
+        """Start the same in a folder of another name, after ending the previous process."""
         one.sitl.close()
-        one.sitl = self._launch(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
+        one.sitl = self._start_process(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
 
     def leaves(self) -> Mapping[str, Path]:
-        """The DataFlash logs to be kept, by their names in the run's folder; they are there until `close`."""
+        """The DataFlash logs to keep, by their names in the run's folder; they exist until `close`."""
         if not self._options.keep_logs:
             return {}
         return {
@@ -217,7 +217,7 @@ class Fleet(EngineBase, ABC):
         }
 
     def close(self) -> None:
-        """End the processes. Again does nothing."""
+        """End the processes. A second call does nothing."""
         for one in self._instances:
             one.sitl.close()
         self._switchboard.close()
@@ -227,7 +227,7 @@ class Fleet(EngineBase, ABC):
 
     @property
     def cpu_s(self) -> float:
-        """Processor time that the processes have taken so far, in seconds."""
+        """Processor time that the processes have used so far, in seconds."""
         return sum(one.sitl.program.cpu_s for one in self._instances)
 
     # ---------------------------------------------------------------- a tick
@@ -240,8 +240,8 @@ class Fleet(EngineBase, ABC):
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Contract: `agent.contracts.Engine`."""
 
-    def _hand_over(self, sensors: Sensors, inbox: Inbox) -> None:
-        """Give everyone its mail and its fix."""
+    def _deliver_inputs(self, sensors: Sensors, inbox: Inbox) -> None:
+        """Give each process its frames and its GNSS fix."""
         for arrival in inbox:
             one = self._instances[self._places[arrival.port]]
             if one.alive:
@@ -252,54 +252,54 @@ class Fleet(EngineBase, ABC):
             if one.alive:
                 one.sitl.write(PRIVATE, one.onboard.pack(self._receivers.message(sensors, row)))
 
-    def _hear(self, tick: Time, outbox: Outbox, wait_s: float = 0.0) -> None:
-        """Take what they have said, waiting for the first; before time 0 nobody listens."""
-        for row in sorted(self._unheard):
+    def _read_ports(self, tick: Time, outbox: Outbox, wait_s: float = 0.0) -> None:
+        """Read what the processes sent, waiting up to `wait_s` for the first; before time 0 nothing is delivered."""
+        for row in sorted(self._unconnected):
             sitl = self._instances[row].sitl
             if self._instances[row].alive:
                 for place in sitl.accept():
                     self._switchboard.add(row, place, sitl)
                     self._connected(row, place, outbox)
             if sitl.connected:
-                self._unheard.discard(row)
+                self._unconnected.discard(row)
         for row, place in self._switchboard.speaking(wait_s):
             one = self._instances[row]
             data = one.sitl.read(place)
             if one.sitl.serial[place] is None:  # closed
-                self._unheard.add(row)
+                self._unconnected.add(row)
             if place == PRIVATE:
-                self._learn(tick, row, data, outbox)
+                self._on_private_data(tick, row, data, outbox)
             else:
-                self._pass_on(tick, row, one, data, outbox)
+                self._on_public_data(tick, row, one, data, outbox)
 
     def _connected(self, row: int, place: int, outbox: Outbox) -> None:
         """Its serial port `place` has connected, for the first time or again."""
 
-    def _learn(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:
-        """Its private port tells how it is."""
+    def _on_private_data(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:
+        """Process the reports on its private port."""
         one = self._instances[row]
         for piece in one.private.feed(data):
             if piece.garbage:
                 continue
             message = decode(piece.data)
-            self._reported(tick, row, message, outbox)
+            self._on_report(tick, row, message, outbox)
             for kind, told in one.witness.reported(message):
                 if tick >= 0:
                     outbox.note(kind, one.spec.vehicle, told)
         if one.witness.mode >= 0 and one.asked < len(self.reports):
-            self._ask(one)
+            self._request_report(one)
         paired = one.signs or one.spec.signing_key is None
         if one.witness.mode >= 0 and not paired:
-            self._pair(one)
+            self._send_signing_key(one)
         if one.status is InstanceStatus.BOOTING and paired and one.witness.flags & POSITIONED:
             one.status = InstanceStatus.READY
 
     @abstractmethod
-    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
-        """A message has come on its private port."""
+    def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+        """Handle one message from its private port."""
 
-    def _pass_on(self, tick: Time, row: int, one: Instance, data: bytes, outbox: Outbox) -> None:
-        """Its public port is the link `autopilot`."""
+    def _on_public_data(self, tick: Time, row: int, one: Instance, data: bytes, outbox: Outbox) -> None:
+        """Deliver what its public port sends on the link `autopilot`."""
         for piece in one.deframer.feed(data):
             one.signs |= not piece.garbage and is_signed(piece.data)
             if tick < 0:
@@ -309,15 +309,15 @@ class Fleet(EngineBase, ABC):
                 for kind, told in one.witness.said(piece.data):
                     outbox.note(kind, one.spec.vehicle, told)
 
-    def _pair(self, one: Instance) -> None:
-        """Tell it its key, on the private port; it keeps it when it begins anew, and never acknowledges it."""
+    def _send_signing_key(self, one: Instance) -> None:
+        """Send its signing key on the private port; it stores the key across reboots, and never acknowledges it."""
         key = one.spec.signing_key
         assert key is not None
         setup = dialect.MAVLink_setup_signing_message(one.spec.system_id, 1, list(key.secret), key.initial)
         one.sitl.write(PRIVATE, one.onboard.pack(setup))
 
-    def _ask(self, one: Instance) -> None:
-        """Ask the private port for its next report."""
+    def _request_report(self, one: Instance) -> None:
+        """Request its next report on the private port."""
         number, rate_hz = list(self.reports.items())[one.asked]
         ask = dialect.MAVLink_command_long_message(
             one.spec.system_id, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, number, 1e6 / rate_hz, 0, 0, 0, 0, 0

@@ -1,9 +1,9 @@
-"""How does a fix reach ArduPilot? As GPS_INPUT on a port of its own, made of what the receiver says, true or false.
+"""GNSS fixes for ArduPilot: GPS_INPUT on a private port, from the receiver's readings, true or false.
 
 AP_GPS_MAV.cpp (`handle_msg`, `GPS1_TYPE` 14) takes position, velocity, accuracies and the receiver's time; nothing
-else of ArduPilot hears of it. SIM_GPS1_GLTCH_* would leave the velocity alone, and moving the simulated aircraft would
-move its barometer too. A second port with MAV2_OPTIONS 2 is private (MAVLink_routing.cpp, `is_private`), so no byte of
-it is on the link `autopilot`.
+else in ArduPilot receives them. SIM_GPS1_GLTCH_* would leave the velocity unchanged, and moving the simulated aircraft
+would move its barometer too. A second port with MAV2_OPTIONS 2 is private (MAVLink_routing.cpp, `is_private`), so no
+byte of it appears on the link `autopilot`.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ GPS_EPOCH_S: Final = 315_964_800
 """1980-01-06T00:00:00Z in Unix time."""
 _WEEK_S: Final = 604_800
 PERIOD_NS: Final[Time] = 200 * NS_PER_MS
-"""A receiver says no more than that: 5 Hz, the least that ArduPilot counts as healthy (AP_GPS::is_healthy)."""
+"""Interval of the fixes: 5 Hz, the lowest rate that ArduPilot counts as healthy (AP_GPS::is_healthy)."""
 _HDOP, _VDOP = 0.8, 1.2
-"""Of ten satellites under an open sky."""
+"""Typical of ten satellites under an open sky."""
 
 
 class Receivers:
-    """The receivers of some aircraft: which fix is new, and how it is said. Deep-copyable."""
+    """The receivers of some aircraft: detects new fixes and encodes them. Deep-copyable."""
 
     def __init__(self, count: int, origin: Origin, epoch: Epoch) -> None:
         self._origin = origin

@@ -1,4 +1,4 @@
-"""Which parameters does a firmware have, and what does it make of ours? It is started, asked for its list, ended."""
+"""Parameter list of a firmware, with its values: the firmware is started, asked for its list, and ended."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from skyrange.vehicle.ardupilot.packets import STANDING, stamp_s
 
 STEP_NS: Final = 2_500_000
 MOST_S: Final = 30.0
-"""Simulated seconds until the list has to be there; it takes two to four."""
+"""Simulated seconds within which the list has to be complete; it takes two to four."""
 READY_NS: Final = 5 * NS_PER_S
-"""It has booted by then; a list that is asked for earlier trickles."""
+"""It has booted by then; a list that is requested earlier arrives slowly."""
 WALL_S: Final = 20.0
 _STATION: Final = 255
 
 
 @lru_cache(maxsize=64)
 def parameters_of(binary: Path, sha256: str, text: str = "") -> Mapping[str, float]:
-    """Every parameter of a firmware with its value, where a file of defaults says `text`; `sha256` names the binary.
+    """Every parameter of a firmware with its value, given the file of defaults `text`; `sha256` identifies the binary.
 
-    `ComponentError` where it does not answer.
+    Raises `ComponentError` if it does not answer.
     """
     with TemporaryDirectory(prefix="skyrange-") as folder:
         sitl = LockstepSitl(
@@ -36,12 +36,12 @@ def parameters_of(binary: Path, sha256: str, text: str = "") -> Mapping[str, flo
             parameters=text + "LOG_BACKEND_TYPE 0\n", options=("--unhide-groups",),
         )  # fmt: skip
         try:
-            return _ask(sitl)
+            return _request_list(sitl)
         finally:
             sitl.close()
 
 
-def _ask(sitl: LockstepSitl) -> Mapping[str, float]:
+def _request_list(sitl: LockstepSitl) -> Mapping[str, float]:
     packer, deframer = Packer(_STATION, dialect.MAV_COMP_ID_MISSIONPLANNER), Deframer()
     found: dict[str, float] = {}
     total, asked = -1, False
@@ -61,4 +61,4 @@ def _ask(sitl: LockstepSitl) -> Mapping[str, float]:
         if total > 0 and len(found) >= total:
             return found
         sitl.send(lines([stamp_s(step, STEP_NS)], STANDING)[0])
-    raise ComponentError(sitl.name, f"told {len(found)} of {total} parameters in {MOST_S:g} simulated seconds")
+    raise ComponentError(sitl.name, f"sent {len(found)} of {total} parameters in {MOST_S:g} simulated seconds")

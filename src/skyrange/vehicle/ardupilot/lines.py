@@ -1,10 +1,11 @@
-"""How is a motion written as the line of JSON that ArduPilot reads? As Python's `%` would, for all at once.
+"""JSON lines for ArduPilot's physics backend, formatted as Python's `%` would, for all aircraft at once.
 
-libraries/SITL/SIM_JSON.cpp: the parser looks for keys as text, wants no blank between a key's colon and a bracket, and
-takes 1 for true. Local is north-east-down from home, the body forward-right-down.
+libraries/SITL/SIM_JSON.cpp: the parser looks for keys as text, accepts no space between a key's colon and a bracket,
+and takes 1 for true. The local frame is north-east-down from home, the body frame forward-right-down.
 
-A tenth of a lone aircraft's tick went into `%`. The kernel writes the same bytes: it scales a number to as many whole
-digits as are wanted, by one product or two, and leaves to `%` the few whose last digit that error could change.
+With `%` the formatting took a tenth of a single aircraft's tick. The kernel writes the same bytes: it scales a number
+to the wanted count of integer digits, by one product or two, and leaves to `%` the few numbers whose last digit the
+rounding error of this could change.
 """
 
 from __future__ import annotations
@@ -28,23 +29,23 @@ _LINE: Final = (
     b'"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
 )
 _LENGTH: Final = 512
-"""No line is longer: 13 numbers of at most 25 characters, 124 between them."""
+"""Longer than any line: 13 numbers of at most 25 characters, 124 between them."""
 _LIKE_C: Final = (b"%.12f", b"%.9g", b"%.6g")
 
 
-def _between() -> list[bytes]:
-    """What stands before, between and after the numbers."""
+def _parts() -> list[bytes]:
+    """The text before, between and after the numbers."""
     text = _LINE
     for conversion in _LIKE_C:
         text = text.replace(conversion, b"\0")
     return text.split(b"\0")
 
 
-_TEXT: Final = np.frombuffer(b"".join(_between()), dtype=np.uint8).copy()
-_ENDS: Final = np.cumsum([len(part) for part in _between()])
+_TEXT: Final = np.frombuffer(b"".join(_parts()), dtype=np.uint8).copy()
+_ENDS: Final = np.cumsum([len(part) for part in _parts()])
 _POWERS: Final = np.array([float(f"1e{k}") for k in range(23)])
-"""Of ten, all that a double holds exactly."""
-_LEAST, _MOST = 1e-30, 1e15
+"""Powers of ten, all that a double holds exactly."""
+_MIN_SIZE, _MAX_SIZE = 1e-30, 1e15
 _0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
 
 
@@ -52,20 +53,20 @@ class Writer:
     """Writes the lines of some aircraft."""
 
     def __init__(self, count: int, most: int = 1) -> None:
-        """For `count` aircraft, `most` lines each."""
+        """For `count` aircraft, at most `most` lines each."""
         self.text = np.zeros((most, count, _LENGTH), dtype=np.uint8)
-        """The first line for each, the second, …, as they were last written."""
+        """The first line of each aircraft, the second, …, as last written."""
         self.lengths: Ints = np.zeros((most, count), dtype=np.int64)
         self._said = np.zeros((most, count, 1 + WIDTH))
-        """What the lines say: time and motion."""
+        """Content of the lines: time and motion."""
 
     def write(
         self, rows: Ints, first: Ints, per_tick: Ints, steps: Ints, step_ns: Ints, before: Motion, after: Motion
     ) -> None:
-        """Write the lines of a tick for each of `rows`; all else is (n,) or has n rows.
+        """Write the lines of a tick for each of `rows`; all other arguments are (n,) or have n rows.
 
-        It gets `per_tick` of them, its first one at the place `first`, 0…; so many `steps` more have then been made
-        since its start, `step_ns` apart. The last says the motion `after`, those before it what is on the way there.
+        An aircraft gets `per_tick` lines from the index `first` on; its `steps` since the start grow by as many,
+        `step_ns` apart. The last line holds the motion `after`, those before it are interpolated from `before`.
         """
         if _write(rows, first, per_tick, steps, step_ns, before.rows, after.rows, self._said, self.text, self.lengths):
             return
@@ -78,7 +79,7 @@ class Writer:
 
 
 def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
-    """The line for each aircraft; `times_s` is the time on each one's own clock."""
+    """The line of each aircraft; `times_s` is the time on each one's own clock."""
     text, written = np.zeros(_LENGTH, dtype=np.uint8), []
     for row in np.column_stack((np.array(times_s), motion.rows)):
         length = _line(row, text)
@@ -99,7 +100,9 @@ def _write(
     text: Bytes,
     lengths: Ints,
 ) -> bool:
-    """Lengths are 0 where a number is none for this kernel; whether none is."""
+    """Write lines; a length of 0 marks one with a number that this kernel cannot format. Returns whether there is
+    none.
+    """
     whole = True
     for i in rows:
         for turn in range(1, per_tick[i] + 1):
@@ -118,7 +121,7 @@ def _write(
 
 @kernel
 def _line(said: Floats, line: Bytes) -> int:
-    """Write time and motion; how long it is, or 0 where a number is none for this kernel."""
+    """Write time and motion; returns the length, or 0 if this kernel cannot format a number."""
     at = _fixed12(said[0], line, _copy(0, line, 0))
     for k in range(1, len(said)):
         if at > 0:
@@ -128,7 +131,7 @@ def _line(said: Floats, line: Bytes) -> int:
 
 @kernel
 def _copy(part: int, line: Bytes, at: int) -> int:
-    """Copy a part of the text to `at`; where it ends."""
+    """Copy a part of the text to `at`; returns its end."""
     begin = _ENDS[part - 1] if part > 0 else 0
     for k in range(begin, _ENDS[part]):
         line[at] = _TEXT[k]
@@ -138,7 +141,7 @@ def _copy(part: int, line: Bytes, at: int) -> int:
 
 @kernel
 def _rounded(scaled: float, doubt: float) -> int:
-    """To a whole number; -1 where it is nearer to a half than `doubt`."""
+    """Rounded to an integer; -1 if it is nearer to a half than `doubt`."""
     whole = math.floor(scaled)
     rest = scaled - whole
     if abs(rest - 0.5) < doubt:
@@ -148,7 +151,7 @@ def _rounded(scaled: float, doubt: float) -> int:
 
 @kernel
 def _digits(number: int, count: int, line: Bytes, at: int) -> None:
-    """Write so many digits."""
+    """Write `count` digits."""
     for k in range(count - 1, -1, -1):
         line[at + k] = _0 + number % 10
         number //= 10
@@ -156,7 +159,7 @@ def _digits(number: int, count: int, line: Bytes, at: int) -> None:
 
 @kernel
 def _fixed12(value: float, line: Bytes, at: int) -> int:
-    """As %.12f; where it ends, or 0."""
+    """Format as %.12f; returns the end, or 0."""
     if not 0.0 <= value < 1e9:
         return 0
     whole = math.floor(value)
@@ -176,7 +179,7 @@ def _fixed12(value: float, line: Bytes, at: int) -> int:
 
 @kernel
 def _general(value: float, digits: int, line: Bytes, at: int) -> int:
-    """As %.9g, or with other `digits` (at most 9); where it ends, or 0."""
+    """Format as %.9g, or with other `digits` (at most 9); returns the end, or 0."""
     if math.copysign(1.0, value) < 0.0:
         line[at] = _MINUS
         at += 1
@@ -184,7 +187,7 @@ def _general(value: float, digits: int, line: Bytes, at: int) -> int:
     if size == 0.0:
         line[at] = _0
         return at + 1
-    if not _LEAST < size < _MOST:
+    if not _MIN_SIZE < size < _MAX_SIZE:
         return 0
     exponent = math.floor(math.log10(size))
     number = _scaled(size, digits - 1 - exponent)
@@ -200,8 +203,8 @@ def _general(value: float, digits: int, line: Bytes, at: int) -> int:
     while digits > 1 and number % 10 == 0:
         number //= 10
         digits -= 1
-    if not -4 <= exponent < wanted:  # as C has it
-        at = _pointed(number, digits, 1, line, at)
+    if not -4 <= exponent < wanted:  # the rule of C
+        at = _decimal(number, digits, 1, line, at)
         line[at], line[at + 1] = _E, _MINUS if exponent < 0 else _PLUS
         _digits(abs(exponent), 2, line, at + 2)
         return at + 4
@@ -212,12 +215,12 @@ def _general(value: float, digits: int, line: Bytes, at: int) -> int:
     while digits <= exponent:
         number *= 10
         digits += 1
-    return _pointed(number, digits, exponent + 1, line, at)
+    return _decimal(number, digits, exponent + 1, line, at)
 
 
 @kernel
-def _pointed(number: int, digits: int, before: int, line: Bytes, at: int) -> int:
-    """Write digits, so many of them before the point; where it ends."""
+def _decimal(number: int, digits: int, before: int, line: Bytes, at: int) -> int:
+    """Write digits with `before` of them before the decimal point; returns the end."""
     if digits == before:
         _digits(number, digits, line, at)
         return at + digits
@@ -231,7 +234,10 @@ def _pointed(number: int, digits: int, before: int, line: Bytes, at: int) -> int
 
 @kernel
 def _scaled(size: float, shift: int) -> int:
-    """Times a power of ten, rounded; -1 where rounding is in doubt. Below 1e9 two products err by less than 3e-7."""
+    """Multiplied by a power of ten and rounded; -1 if rounding is in doubt.
+
+    Below 1e9 two products err by less than 3e-7.
+    """
     if shift < 0:
         return _rounded(size / _POWERS[-shift], 1e-6)
     if shift <= 22:

@@ -1,8 +1,8 @@
-"""ArduPilot in lockstep with our world: its JSON physics backend.
+"""ArduPilot in lockstep with the range's world, by its JSON physics backend.
 
-Every tick each process gets the tick's sensors, or with the last tick of a turn of its main loop those of all
-(`batches`); all compute side by side, and the tick ends when all have answered. No clock of the machine takes part: the
-same inputs give the same bytes.
+Every tick each process gets the tick's sensors, or with the last tick of an iteration of its main loop those of all
+(`batches`); all processes compute side by side, and the tick ends when all have answered. The machine's clock plays no
+part: the same inputs give the same bytes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _TRIES = 5
 
 
 class LockstepFleet(Fleet):
-    """Flown by our physics (contract: `agent.contracts.Engine`)."""
+    """A fleet moved by the range's physics (contract: `agent.contracts.Engine`)."""
 
     physics: Literal["shared", "native"] = "shared"
     clock: Literal["lockstep", "wall"] = "lockstep"
@@ -51,28 +51,28 @@ class LockstepFleet(Fleet):
         self._sitls: list[LockstepSitl] = []
         self._tick: Time | None = None
         self._mean = MeanForce(len(specs))
-        self._skips = False
-        """Whether any has no exchange in some ticks."""
+        self._skips_ticks = False
+        """Whether any aircraft has no exchange in some ticks."""
         self._motion: Motion | None = None
         """At the last tick with exchanges."""
         self._writer = Writer(0)
-        """Of what each is sent."""
+        """The lines that each process is sent."""
         self._batches: Batches | None = None
         self._exchanges: Exchanges | None = None
         self._steps: Ints = np.zeros(len(specs), dtype=np.int64)
-        """Since each one's start."""
+        """Since the start of each process."""
         self._step_ns: Ints = np.zeros(len(specs), dtype=np.int64)
         """Between two exchanges."""
         self._per_tick: Ints = np.ones(len(specs), dtype=np.int64)
-        """Exchanges per tick, of those that have any."""
+        """Exchanges per tick that has any."""
         self._live: Ints = np.empty(0, dtype=np.int64)
         """The rows that are not lost."""
         self._due: Ints = np.empty(0, dtype=np.int64)
         """Those of them that answer in this tick."""
         self._status = [InstanceStatus.BOOTING for _ in specs]
-        """As last told."""
-        self._sharing: Pair | None = None
-        """We and the process, where there is one alone."""
+        """As last returned."""
+        self._core_sharing: Pair | None = None
+        """Shares the processor with the process, if there is only one."""
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
         airframe = AIRFRAMES[spec.airframe]
@@ -80,11 +80,11 @@ class LockstepFleet(Fleet):
             spec.vehicle, airframe, spec.params, self._listed, gnss_lag_ms, self._options.rates
         )
 
-    def _launch(self, **arguments: Any) -> LockstepSitl:
+    def _start_process(self, **arguments: Any) -> LockstepSitl:
         return LockstepSitl(**arguments, logs=self._options.keep_logs)
 
-    def _come_up(self) -> None:
-        """Wait until the last process has spoken, each from a port of its own."""
+    def _wait_for_start(self) -> None:
+        """Wait until every process has sent its first packet, each from a port of its own."""
         deadline = wall_s() + START_S
         taken: set[int] = set()
         ticks, moments = np.ones_like(self._per_tick), np.ones_like(self._per_tick)
@@ -95,7 +95,7 @@ class LockstepFleet(Fleet):
                     raise sitl.lost(f"did not come up within {START_S:g} s")
                 if sitl.port not in taken:
                     break
-                self._launch_again(one, f"-{again + 2}")  # two at one port: one of them would not hear us
+                self._restart_process(one, f"-{again + 2}")  # two share a port: one of them would not receive
                 sitl = self._sitl(one)
             taken.add(sitl.port)
             self._sitls.append(sitl)
@@ -103,44 +103,44 @@ class LockstepFleet(Fleet):
             self._per_tick[row], ticks[row] = rates
             moments[row] = parameters.moments_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
         self._step_ns = QUANTUM_NS * ticks // self._per_tick
-        self._skips = bool((ticks > 1).any())
+        self._skips_ticks = bool((ticks > 1).any())
         count, most = len(self._sitls), int((self._per_tick * moments).max())
         self._live = np.arange(count)
         self._exchanges = Exchanges(self._sitls, most)
         self._batches = Batches(self._per_tick, ticks, moments)
         self._writer = Writer(count, most)
         if count == 1:
-            self._sharing = Pair(self._sitls[0].program)
+            self._core_sharing = Pair(self._sitls[0].program)
 
     def _sitl(self, one: Instance) -> LockstepSitl:
         assert isinstance(one.sitl, LockstepSitl)
         return one.sitl
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
-        """Hand everyone its mail, its fix and the first step of the tick."""
+        """Give each process its frames, its fix and the first step of the tick."""
         if not self._instances:
             self._start(tick, sensors)
-            self._come_up()
-        self._hand_over(sensors, inbox)
+            self._wait_for_start()
+        self._deliver_inputs(sensors, inbox)
         if self._tick is not None and tick - self._tick != QUANTUM_NS:
             raise ComponentError(
-                f"engine {self.name}", f"a tick of {tick - self._tick} ns", f"It flies in a world of {QUANTUM_NS} ns"
+                f"engine {self.name}", f"a tick of {tick - self._tick} ns", f"It needs a quantum of {QUANTUM_NS} ns"
             )
         self._tick = tick
         assert self._batches is not None
         rows = self._batches.at(tick // QUANTUM_NS, self._live)
-        if self._skips:
+        if self._skips_ticks:
             self._mean.feel(sensors.accel_mps2)
         self._due = rows
         if len(rows):
             after = motion_of(sensors, self._home_up_m)
-            if self._skips:
+            if self._skips_ticks:
                 self._mean.put(after, rows)
             before, self._motion = (self._motion if self._motion is not None else after), after
             self._due = self._send(rows, before, after)
 
     def _send(self, rows: Ints, before: Motion, after: Motion) -> Ints:
-        """Write the lines of a tick for `rows`; let those that have all of a turn compute them, and return these."""
+        """Write the lines of a tick for `rows`; send those of complete iterations, and return their rows."""
         batches, exchanges = self._batches, self._exchanges
         assert batches is not None
         assert exchanges is not None
@@ -150,34 +150,34 @@ class LockstepFleet(Fleet):
         return due
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Motor commands, and what was said; whoever has not answered by the deadline is given up."""
-        if not len(self._due):  # nobody computes: nobody says anything
+        """Motor commands, and what was sent; a process that has not answered by the deadline is lost."""
+        if not len(self._due):  # no process computes, so none sends anything
             return Finished(self._commands, Outbox(), self._status)
         booting = any(one.status is InstanceStatus.BOOTING for one in self._instances)
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
-        if self._sharing is not None:
-            self._sharing.give_way()
+        if self._core_sharing is not None:
+            self._core_sharing.give_way()
         self._collect(deadline, outbox)
         if len(self._live) < len(self._instances):
             lost = np.setdiff1d(np.arange(len(self._instances)), self._live)
-            self._commands[lost] = 0.0  # speed controllers without a signal stop
-        self._hear(tick, outbox)
+            self._commands[lost] = 0.0  # speed controllers stop without a signal
+        self._read_ports(tick, outbox)
         self._status = [one.status for one in self._instances]
         return Finished(self._commands, outbox, self._status)
 
     def _collect(self, deadline: float, outbox: Outbox) -> None:
-        """Take the answers of all that are due, and of what each answered to the last of its steps its commands."""
+        """Take the answers of all that are due; the answer to the last step of each holds its commands."""
         exchanges, batches, due = self._exchanges, self._batches, self._due
         assert exchanges is not None
         assert batches is not None
-        # the last was begun last: while we wait for it the others answer too, and do not wake us one by one
+        # the last was started last: while we wait for it the others answer too, without waking us one by one
         if len(due) > 1:
             self._sitls[due[-1]].await_word()
         lost = False
         for row in exchanges.take(due, batches.lines):
             while exchanges.taken[row] < batches.lines[row]:
-                if not self._take_late(row, deadline, outbox):
+                if not self._wait_late(row, deadline, outbox):
                     lost = True
                     break
         batches.answered(due, exchanges.taken, exchanges.answers)
@@ -187,8 +187,10 @@ class LockstepFleet(Fleet):
             due = np.intersect1d(due, self._live)
         commands_of(exchanges.answers, exchanges.taken - 1, due, self._commands)
 
-    def _take_late(self, row: int, deadline: float, outbox: Outbox) -> bool:
-        """Whether more answers to this tick will come of one whose answer was not there as usual."""
+    def _wait_late(self, row: int, deadline: float, outbox: Outbox) -> bool:
+        """Wait for an answer that was not there; returns whether more answers to this tick can come
+        from that process.
+        """
         assert self._exchanges is not None
         one, sitl = self._instances[row], self._sitls[row]
         restarts = sitl.restarts
@@ -196,12 +198,12 @@ class LockstepFleet(Fleet):
             one.lose(InstanceStatus.SILENT if sitl.program.running else InstanceStatus.DEAD, outbox)
             self._skew.forget(row)
             return False
-        if sitl.restarts > restarts:  # lines that waited for the old one are gone with it
+        if sitl.restarts > restarts:  # lines sent to the old process are lost
             self._steps[row] = 0
             one.restarted(outbox)
             return False
         return True
 
-    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+    def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         if tick >= 0 and message.get_type() == "GLOBAL_POSITION_INT":
             self._skew.seen(row, message.time_boot_ms * NS_PER_MS - int(self._steps[row] * self._step_ns[row]))

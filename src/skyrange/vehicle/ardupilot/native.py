@@ -1,9 +1,9 @@
-"""ArduPilot on its own: its simulation of a quadcopter, on the machine's clock.
+"""ArduPilot with its own physics: its simulation of a quadcopter, on the machine's clock.
 
-The processes boot before time 0, faster than real time, until each one's clock says that it has looked at compass and
-GNSS for long enough, and are let go together. From then on `SIM_SPEEDUP` of each paces itself, and the kernel is held
-to the slowest of them: a tick ends when the time of all has come to it. One that is ahead of the kernel by too much is
-stopped until that has come up, so that a machine that is too slow makes a run slower, and not wrong.
+The processes boot before time 0, faster than real time, until each one's clock shows that it has observed compass and
+GNSS for long enough, and are released together. From then on `SIM_SPEEDUP` of each paces itself, and the kernel waits
+for the slowest of them: a tick ends when the clocks of all have reached it. A process that is too far ahead of the
+kernel is stopped until the kernel has caught up, so that a slow machine makes a run slower, and not wrong.
 """
 
 from __future__ import annotations
@@ -34,51 +34,53 @@ MODEL: Final = "x"
 SPEEDUP: Final = "SIM_SPEEDUP"
 BOOT_SPEED: Final = 20.0
 BOOT_FIX_NS: Final[Time] = 100 * NS_PER_MS
-"""While it boots fixes come with reports, which come in heaps: twice as often as the 5 Hz that it wants in the mean."""
+"""Interval of fixes during the boot. They are sent when reports arrive, which come in bunches: twice the 5 Hz that
+ArduPilot needs on average."""
 BRAKE_PER_S: Final = 4.0
-"""A boot's speed is the time that remains, times this."""
+"""Speed of a boot towards its end: the remaining time, times this."""
 UNHEARD_S: Final = 0.1
-"""A process's clock is taken to go on for so long after a report: more of a debt of time it does not make good
+"""A process's clock is extrapolated for this long after a report; it does not make up a longer delay
 (SIM_Aircraft.cpp, `sync_frame_time`)."""
 AHEAD_S: Final = 0.15
-"""On the machine's clock: one that is farther ahead of the tick is stopped."""
+"""On the machine's clock: a process that is farther ahead of the tick is stopped."""
 LEASH_S: Final = 0.25
-"""Where no tick comes for so long all are stopped, until one does."""
+"""If no tick comes for this long all processes are stopped, until one does."""
 SLIP_S: Final = 0.6
-"""One that has come farther ahead flew on while we stood still: that time is lost, and its clock is set anew."""
+"""A process that is farther ahead flew on while the kernel stood still: that time is lost, and its
+clock is set anew."""
 GRAIN_S: Final = 0.005
 """The shortest wait; ArduPilot's own is as long (SIM_Aircraft.h, `min_sleep_time`)."""
 
 
 @dataclass(slots=True)
 class _Clock:
-    """The time of one process."""
+    """The clock of one process."""
 
-    said_ns: Time = -1
-    """Since its start, by its last report; negative is unknown."""
-    heard_s: float = 0.0
-    """When that came, on the clock of `wall_s`."""
-    began_ns: Time | None = None
-    """Its time at our time 0; `None` until it is let go."""
+    reported_ns: Time = -1
+    """Since its start, by its last report; negative if unknown."""
+    received_s: float = 0.0
+    """When that report came, on the clock of `wall_s`."""
+    origin_ns: Time | None = None
+    """Its time at our time 0; `None` until it is released."""
     speed: float = BOOT_SPEED
-    """As asked for."""
-    fixed_ns: Time = -BOOT_FIX_NS
-    """Of the last fix while it boots."""
+    """As requested."""
+    fix_ns: Time = -BOOT_FIX_NS
+    """Time of the last fix during the boot."""
     pulses: tuple[int, ...] = ()
-    """For its motors, µs."""
-    held: bool = False
-    """Stopped, for being ahead."""
+    """Pulse widths of its motors, µs."""
+    stopped: bool = False
+    """Whether it is stopped for being ahead."""
 
     def time(self, now_s: float) -> Time | None:
-        """Of the range, by its own clock; `None` where that is not known."""
-        if self.said_ns < 0 or self.began_ns is None:
+        """Range time by its own clock; `None` if unknown."""
+        if self.reported_ns < 0 or self.origin_ns is None:
             return None
-        since_s = min(now_s - self.heard_s, UNHEARD_S)
-        return self.said_ns - self.began_ns + int(since_s * self.speed * NS_PER_S)
+        since_s = min(now_s - self.received_s, UNHEARD_S)
+        return self.reported_ns - self.origin_ns + int(since_s * self.speed * NS_PER_S)
 
 
 class NativeFleet(Fleet):
-    """Flown by ArduPilot's own physics (contract: `agent.contracts.Engine`)."""
+    """A fleet moved by ArduPilot's own physics (contract: `agent.contracts.Engine`)."""
 
     physics: Literal["shared", "native"] = "native"
     clock: Literal["lockstep", "wall"] = "wall"
@@ -114,58 +116,58 @@ class NativeFleet(Fleet):
         values[SPEEDUP] = BOOT_SPEED
         return values
 
-    def _launch(self, **arguments: Any) -> Sitl:
+    def _start_process(self, **arguments: Any) -> Sitl:
         return Sitl(model=MODEL, **arguments)
 
     # ---------------------------------------------------------------- until time 0
 
     def _boot(self, tick: Time, sensors: Sensors) -> None:
-        """Start all, let each come to the end of its warm-up at its own speed, and let all go at once."""
+        """Start all processes, let each finish its warm-up at its own speed, and release all at once."""
         self._start(tick, sensors)
         self._began = tick
         outbox, now_s = Outbox(), wall_s()
         for clock in self._clocks:
-            clock.heard_s = now_s
-        while not all(clock.held for clock in self._clocks):
-            self._hear(-1, outbox, GRAIN_S)
+            clock.received_s = now_s
+        while not all(clock.stopped for clock in self._clocks):
+            self._read_ports(-1, outbox, GRAIN_S)
             for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
-                if clock.held:
+                if clock.stopped:
                     continue
-                if wall_s() - clock.heard_s > START_S or not one.sitl.program.running:
+                if wall_s() - clock.received_s > START_S or not one.sitl.program.running:
                     raise one.sitl.lost("did not come up")
-                if clock.said_ns >= clock.fixed_ns + BOOT_FIX_NS:
-                    clock.fixed_ns = clock.said_ns
-                    self._fix(row, tick + clock.said_ns - WARM_UP_NS, sensors)
-                self._brake(row)
-                if clock.said_ns >= WARM_UP_NS:
-                    self._hold(row, True)
-                    clock.began_ns = clock.said_ns
+                if clock.reported_ns >= clock.fix_ns + BOOT_FIX_NS:
+                    clock.fix_ns = clock.reported_ns
+                    self._send_boot_fix(row, tick + clock.reported_ns - WARM_UP_NS, sensors)
+                self._slow_down(row)
+                if clock.reported_ns >= WARM_UP_NS:
+                    self._set_stopped(row, True)
+                    clock.origin_ns = clock.reported_ns
         for row in range(len(self._clocks)):
-            self._hold(row, False)
+            self._set_stopped(row, False)
         self._flying = True
         self._leash = Leash([one.sitl.program for one in self._instances], LEASH_S)
 
-    def _fix(self, row: int, now: Time, sensors: Sensors) -> None:
-        """While it boots it is given the fix of the first tick, time and again."""
+    def _send_boot_fix(self, row: int, now: Time, sensors: Sensors) -> None:
+        """Send the fix of the first tick, repeatedly, while it boots."""
         lag_ns = self._began - sensors.gnss_time_ns
         one = self._instances[row]
         if sensors.gnss_fix[row] > 0:
             again = replace(sensors, gnss_time_ns=now - lag_ns)
             one.sitl.write(PRIVATE, one.onboard.pack(self._receivers.message(again, row)))
 
-    def _brake(self, row: int) -> None:
+    def _slow_down(self, row: int) -> None:
         """Slow down towards the end of the warm-up."""
         clock = self._clocks[row]
-        left_s = (WARM_UP_NS - clock.said_ns) / NS_PER_S
+        left_s = (WARM_UP_NS - clock.reported_ns) / NS_PER_S
         wanted = min(max(left_s * BRAKE_PER_S, self.pace), BOOT_SPEED)
         if wanted <= 0.5 * clock.speed or (wanted == self.pace and clock.speed != wanted):
             self._speed(row, wanted)
 
-    def _hold(self, row: int, held: bool) -> None:
-        """Stop a process's time, or let it go on."""
+    def _set_stopped(self, row: int, stopped: bool) -> None:
+        """Stop a process's time, or let it continue."""
         clock = self._clocks[row]
-        clock.held, clock.heard_s = held, wall_s()
-        self._instances[row].sitl.program.hold(held)
+        clock.stopped, clock.received_s = stopped, wall_s()
+        self._instances[row].sitl.program.hold(stopped)
 
     def _speed(self, row: int, speed: float) -> None:
         one = self._instances[row]
@@ -184,29 +186,29 @@ class NativeFleet(Fleet):
     # ---------------------------------------------------------------- a tick
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
-        """Hand everyone its mail and its fix."""
+        """Give each process its frames and its fix."""
         if not self._instances:
             self._boot(tick, sensors)
-        self._be_here()
-        self._hand_over(sensors, inbox)
+        self._kick_watchdog()
+        self._deliver_inputs(sensors, inbox)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Wait until the time of all has come to the tick, and hear what they say meanwhile."""
+        """Wait until the clocks of all have reached the tick, and read what they send meanwhile."""
         outbox = Outbox()
         for one in self._instances:
             if one.status is InstanceStatus.SILENT:
-                one.status = InstanceStatus.DEAD  # it has been ended: nothing holds its aircraft up
+                one.status = InstanceStatus.DEAD  # its process was ended, so its aircraft falls
         deadline = wall_s() + wall_deadline_s
-        self._hear(tick, outbox)
-        self._restrain(tick - self._began)
-        self._be_here()
-        while (wait_s := self._behind_s(tick - self._began)) > 0.0:
+        self._read_ports(tick, outbox)
+        self._throttle(tick - self._began)
+        self._kick_watchdog()
+        while (wait_s := self._lag_s(tick - self._began)) > 0.0:
             if wall_s() > deadline:
                 self._give_up(tick - self._began, outbox)
-            self._be_here()
-            self._bury(outbox)
-            self._hear(tick, outbox, max(wait_s, GRAIN_S))
-            self._restrain(tick - self._began)
+            self._kick_watchdog()
+            self._mark_ended(outbox)
+            self._read_ports(tick, outbox, max(wait_s, GRAIN_S))
+            self._throttle(tick - self._began)
         poses = self._truth.take()
         for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
             if not one.alive:
@@ -217,72 +219,72 @@ class NativeFleet(Fleet):
                 self._commands[row] = np.clip((np.array(clock.pulses) - PWM_MIN) / PWM_RANGE, 0.0, 1.0)
         return Finished(self._commands, outbox, [one.status for one in self._instances], poses)
 
-    def _be_here(self) -> None:
-        """Let those go on that were stopped because we were not."""
+    def _kick_watchdog(self) -> None:
+        """Report that the kernel is alive, and continue processes that were stopped because it was not."""
         if self._leash is not None and self._leash.tug():
             for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
-                if one.alive and not clock.held:
-                    self._hold(row, False)
+                if one.alive and not clock.stopped:
+                    self._set_stopped(row, False)
 
-    def _behind_s(self, tick: Time) -> float:
-        """How long, on the machine's clock, until the slowest will have come to the tick."""
+    def _lag_s(self, tick: Time) -> float:
+        """Time on the machine's clock until the slowest process will have reached the tick."""
         now_s, most = wall_s(), 0.0
         for one, clock in zip(self._instances, self._clocks, strict=True):
-            if one.alive and not clock.held:
+            if one.alive and not clock.stopped:
                 time = clock.time(now_s)
                 if time is not None and time < tick:
                     most = max(most, (tick - time) / NS_PER_S / self.pace)
         return most
 
-    def _restrain(self, tick: Time) -> None:
-        """Stop those that are too far ahead of the tick, let those go on that are no more."""
+    def _throttle(self, tick: Time) -> None:
+        """Stop the processes that are too far ahead of the tick, and continue those that no longer are."""
         for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
-            if not one.alive or clock.began_ns is None:
+            if not one.alive or clock.origin_ns is None:
                 continue
-            ahead_s = (clock.said_ns - clock.began_ns - tick) / NS_PER_S / self.pace
-            if clock.held:
-                if ahead_s <= -UNHEARD_S:  # of which it makes good as much when it goes on
-                    self._hold(row, False)
+            ahead_s = (clock.reported_ns - clock.origin_ns - tick) / NS_PER_S / self.pace
+            if clock.stopped:
+                if ahead_s <= -UNHEARD_S:  # it makes up this much when it continues
+                    self._set_stopped(row, False)
             elif ahead_s > SLIP_S:
-                self._slipped_ns += clock.said_ns - clock.began_ns - tick
-                clock.began_ns = clock.said_ns - tick
+                self._slipped_ns += clock.reported_ns - clock.origin_ns - tick
+                clock.origin_ns = clock.reported_ns - tick
             elif ahead_s > AHEAD_S:
-                self._hold(row, True)
+                self._set_stopped(row, True)
 
-    def _bury(self, outbox: Outbox) -> None:
+    def _mark_ended(self, outbox: Outbox) -> None:
         for row, one in enumerate(self._instances):
             if one.alive and not one.sitl.program.running:
                 one.lose(InstanceStatus.DEAD, outbox)
                 self._skew.forget(row)
 
     def _give_up(self, tick: Time, outbox: Outbox) -> None:
-        """Whoever has said nothing for so long."""
+        """Give up processes that have sent nothing for too long."""
         now_s = wall_s()
         for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
             time = clock.time(now_s)
-            if one.alive and time is not None and time < tick and now_s - clock.heard_s > UNHEARD_S:
+            if one.alive and time is not None and time < tick and now_s - clock.received_s > UNHEARD_S:
                 one.lose(InstanceStatus.SILENT, outbox)
                 self._skew.forget(row)
 
     def _connected(self, row: int, place: int, outbox: Outbox) -> None:
         clock = self._clocks[row]
-        if self._flying and place == PRIVATE:  # it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks
+        if self._flying and place == PRIVATE:  # it has rebooted, as on MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
             self._instances[row].restarted(outbox)
-            clock.said_ns, clock.began_ns = -1, None
+            clock.reported_ns, clock.origin_ns = -1, None
             self._skew.forget(row)
 
-    def _reported(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
+    def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         kind, clock = message.get_type(), self._clocks[row]
         if kind == "GLOBAL_POSITION_INT":
             said = message.time_boot_ms * NS_PER_MS
-            clock.said_ns, clock.heard_s = said, wall_s()
-            if self._flying and clock.began_ns is None:
-                clock.began_ns = said - (tick - self._began)
-            if clock.began_ns is not None:
-                self._skew.seen(row, said - clock.began_ns - (tick - self._began))
-        elif kind == "SIM_STATE" and clock.began_ns is not None:
+            clock.reported_ns, clock.received_s = said, wall_s()
+            if self._flying and clock.origin_ns is None:
+                clock.origin_ns = said - (tick - self._began)
+            if clock.origin_ns is not None:
+                self._skew.seen(row, said - clock.origin_ns - (tick - self._began))
+        elif kind == "SIM_STATE" and clock.origin_ns is not None:
             state = state_of(message, self._origin)
             if state.sound:
-                self._truth.tell(row, state, tick - self._began - (clock.said_ns - clock.began_ns))
+                self._truth.tell(row, state, tick - self._began - (clock.reported_ns - clock.origin_ns))
         elif kind == "SERVO_OUTPUT_RAW":
             clock.pulses = (message.servo1_raw, message.servo2_raw, message.servo3_raw, message.servo4_raw)

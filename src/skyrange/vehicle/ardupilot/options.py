@@ -1,4 +1,4 @@
-"""What may a scenario tell of its ArduPilots? The table `[autopilots.options.ardupilot]`."""
+"""Scenario options of ArduPilots: the table `[autopilots.options.ardupilot]`."""
 
 from __future__ import annotations
 
@@ -18,44 +18,44 @@ class Options(Params):
 
     physics: Literal["shared", "native"] = Field(
         default="shared",
-        description="Whose forces move them: the range's, in lockstep, or those of ArduPilot's own simulation, on the "
-        "machine's clock.",
+        description="Physics that moves the aircraft: shared, the range's, in lockstep; or native, ArduPilot's own "
+        "simulation, on the machine's clock.",
     )
     speedup: Number = Field(
         default=1.0,
         gt=0,
         le=100,
-        description="Simulated seconds per second of the machine's clock, with native physics; more than the machine "
-        "can is as fast as it can.",
+        description="Simulated seconds per second of the machine's clock, with native physics; a slow machine runs as "
+        "fast as it can.",
     )
     rates: Literal["full", "single", "reduced"] = Field(
         default="full",
-        description="How often their main loops run, and how often in a turn they read their gyros: full, 400 Hz and "
-        "twice; single, 400 Hz and once, and nothing checks the gyros before arming; reduced, 100 Hz and twice.",
+        description="Rate of the main loop, and how often it reads the gyros per iteration: full, 400 Hz and twice; "
+        "single, 400 Hz and once, without checks of the gyros before arming; reduced, 100 Hz and twice.",
     )
     keep_logs: bool = Field(default=False, description="Write DataFlash logs, and keep them in the run's folder.")
     open_port: int = Field(
         default=0,
         ge=0,
         le=65_535,
-        description="A TCP port, on all interfaces, where the first ArduPilot obeys a ground station; each next one's "
-        "is 10 higher. 0: none.",
+        description="TCP port, on all interfaces, on which the first ArduPilot obeys a ground station; that of each "
+        "further one is 10 higher. 0: none.",
     )
 
     def opened(self, count: int) -> list[int]:
-        """The ports where `count` processes let ground stations in themselves; none unless it is asked for."""
+        """The TCP ports on which `count` processes accept ground stations; none unless `open_port` is set."""
         return [self.open_port + PORT_STEP * place for place in range(count)] if self.open_port else []
 
     @model_validator(mode="after")
-    def _only_native_is_sped_up(self) -> Options:
+    def _check_speedup(self) -> Options:
         if self.physics == "shared" and "speedup" in self.model_fields_set:
-            hint = 'Lockstep goes as fast as it can, or as --speed says; or set physics = "native".'
+            hint = 'Lockstep runs as fast as it can, or as --speed says; or set physics = "native".'
             raise refuse(Fault("speedup", f"{self.speedup:g}", "left out with shared physics", hint))
         return self
 
     @model_validator(mode="after")
-    def _only_shared_is_exchanged(self) -> Options:
+    def _check_rates(self) -> Options:
         if self.physics == "native" and self.rates == "single":
-            hint = "It makes fewer exchanges with our physics, and native physics has none."
+            hint = "It reduces the exchanges with the range's physics, and native physics has no exchanges."
             raise refuse(Fault("rates", "'single'", "'full' or 'reduced' with native physics", hint))
         return self

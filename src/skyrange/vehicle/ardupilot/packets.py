@@ -1,6 +1,6 @@
-"""What do ArduPilot's JSON physics backend's numbers mean, those that go in and the pulse widths that come out?
+"""Values of ArduPilot's JSON physics backend: the motion that goes in, and the pulse widths that come out.
 
-libraries/SITL/SIM_JSON.cpp. Local is north-east-down from home, the body forward-right-down.
+libraries/SITL/SIM_JSON.cpp. The local frame is north-east-down from home, the body frame forward-right-down.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from skyrange.world.airframes import MOTORS
 
 PWM_MIN: Final = 1000.0
 PWM_RANGE: Final = 1000.0
-"""MOT_PWM_MIN, and from there to MOT_PWM_MAX, as ArduCopter has them."""
+"""MOT_PWM_MIN, and the difference to MOT_PWM_MAX, as in ArduCopter."""
 _ROOT: Final = math.sqrt(0.5)
 _GYRO, _FORCE, _DOWN, _ATTITUDE, _RANGE = 0, 3, 6, 7, 11
-"""Where what begins in a row of `Motion`."""
+"""Column of each quantity in a row of `Motion`."""
 WIDTH: Final = 12
-"""How long it is."""
+"""Length of a row."""
 
 
 class Motion:
-    """What inertial sensors, barometer and rangefinder see, in ArduPilot's frames: one row per aircraft."""
+    """What inertial sensors, barometer and rangefinder measure, in ArduPilot's frames: one row per aircraft."""
 
     __slots__ = ("rows",)
 
     def __init__(self, rows: Floats) -> None:
-        """Of rows (n, 12), in the order of the properties below."""
+        """`rows` (n, 12), in the order of the properties below."""
         self.rows = rows
 
     @property
@@ -46,7 +46,7 @@ class Motion:
 
     @property
     def down_m(self) -> Floats:
-        """(n,) below home, as the barometer has it."""
+        """(n,) below home, by the barometer."""
         return self.rows[:, _DOWN]
 
     @property
@@ -65,9 +65,9 @@ STANDING: Final = Motion(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 1.0,
 
 
 def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
-    """The same in ArduPilot's frames. What ArduPilot makes a compass of is the true attitude."""
+    """Convert sensor readings to ArduPilot's frames. ArduPilot derives its compass from the true attitude."""
     rows = np.empty((len(home_up_m), WIDTH))
-    _turn(
+    _to_ned(
         sensors.gyro_radps, sensors.accel_mps2, sensors.baro_up_m, sensors.attitude, sensors.rangefinder_m, home_up_m,
         rows,
     )  # fmt: skip
@@ -75,7 +75,7 @@ def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
 
 
 @kernel
-def _turn(
+def _to_ned(
     gyro: Floats, force: Floats, baro_up: Floats, attitude: Floats, above: Floats, home_up: Floats, rows: Floats
 ) -> None:
     for i in range(len(rows)):
@@ -94,9 +94,9 @@ def _turn(
 
 @kernel
 def between(before: Floats, after: Floats, share: float, row: Floats) -> None:
-    """Put into `row` the motion `share` of the way from one row to the next.
+    """Write to `row` the motion that is `share` of the way from one row to the next.
 
-    The specific force is the mean over the way already.
+    The specific force is not interpolated, because it is already the mean over the interval.
     """
     along = 0.0
     for k in range(_ATTITUDE, _RANGE):
@@ -113,23 +113,23 @@ def between(before: Floats, after: Floats, share: float, row: Floats) -> None:
 
 
 class MeanForce:
-    """The mean of the specific forces since each one's last exchange, for those that miss some ticks."""
+    """Mean specific force since each aircraft's last exchange, for those that skip some ticks."""
 
     def __init__(self, count: int) -> None:
         """Of `count` aircraft."""
         self._sum, self._ticks = np.zeros((count, 3)), np.zeros((count, 1))
 
     def feel(self, force_mps2: Floats) -> None:
-        """The specific forces of a tick: (n, 3), forward-left-up as sensors have them."""
-        _feel(force_mps2, self._sum, self._ticks)
+        """Add the specific forces of a tick: (n, 3), forward-left-up as from the sensors."""
+        _add_force(force_mps2, self._sum, self._ticks)
 
     def put(self, motion: Motion, due: NDArray[np.int64]) -> None:
-        """Put the means in place of the last tick's; the rows that are `due` begin anew."""
+        """Replace the last tick's values by the means; the sums of the rows that are `due` start anew."""
         _mean(self._sum, self._ticks, due, motion.rows)
 
 
 @kernel
-def _feel(force: Floats, total: Floats, ticks: Floats) -> None:
+def _add_force(force: Floats, total: Floats, ticks: Floats) -> None:
     for i in range(len(force)):
         for k in range(3):
             total[i, k] += force[i, k]
@@ -149,13 +149,14 @@ def _mean(total: Floats, ticks: Floats, due: NDArray[np.int64], rows: Floats) ->
 
 @kernel
 def stamp_s(step: int, step_ns: int) -> float:
-    """The time of a step since its start: a hair late, because ArduPilot cuts what is below a microsecond."""
+    """The time of a step since the start, slightly increased, because ArduPilot truncates to microseconds."""
     return step * step_ns * 1e-9 * (1.0 + 1e-7)
 
 
 @kernel
 def commands_of(answers: NDArray[np.uint8], last: NDArray[np.int64], rows: NDArray[np.int64], commands: Floats) -> None:
-    """Put into `commands` (n, motors) what each of `rows` wants: of its answers (k, n, bytes) the `last` (n,).
+    """Write to `commands` (n, motors) what each of `rows` answered: of its answers (k, n, bytes) the one at `last`
+    (n,).
 
     Commands are 0…1, motors in ArduCopter's order; 0 µs is no pulse.
     """

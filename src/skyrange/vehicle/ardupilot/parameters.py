@@ -1,7 +1,7 @@
-"""Which parameters does an ArduPilot instance start with, and under which names does its firmware have them?
+"""Start parameters of an ArduPilot process, under the names that its firmware uses.
 
-A scenario may use the names and units of ArduCopter 4.6 or 4.7; ArduPilot passes over an unknown name in silence, so
-every name is looked up in the list that the binary itself tells before anything starts.
+A scenario may use the names and units of ArduCopter 4.6 or 4.7. ArduPilot ignores an unknown name silently, so every
+name is looked up in the list from the binary itself before anything starts.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from skyrange.world.airframes import Airframe
 LOOP_RATE: Final = "SCHED_LOOP_RATE"
 SIM_RATE: Final = "SIM_RATE_HZ"
 INS_CHECK: Final = 1 << 4
-"""The bit of ARMING_CHECK for what is checked of gyros and accelerometers (AP_Arming.h, `Check::INS`)."""
+"""The bit of ARMING_CHECK for the checks of gyros and accelerometers (AP_Arming.h, `Check::INS`)."""
 RATES: Final[Mapping[str, Mapping[str, float]]] = {
     "full": {},
     "single": {"ARMING_SKIPCHK": float(INS_CHECK)},
     "reduced": {LOOP_RATE: 100.0, SIM_RATE: 200.0},
 }
-"""ArduCopter's own, a loop at 400 Hz with two exchanges in a turn; and two trades: one exchange in a turn, as long as
-nothing checks gyros before arming, or a slower loop."""
+"""ArduCopter's own rates, a loop at 400 Hz with two exchanges per iteration; and two trade-offs: one exchange per
+iteration, which requires that no gyro check runs before arming, or a slower loop."""
 OURS: Final = {
     "FRAME_CLASS": 1.0,
     "FRAME_TYPE": 1.0,  # X, as the airframes' rotors are numbered
-    # simulated sensors are ours, with their own errors; what ArduPilot's simulation adds is taken away
+    # sensor errors come from the range; those of ArduPilot's simulation are switched off
     "SIM_BARO_RND": 0.0,
     "SIM_DRIFT_SPEED": 0.0,
-    "INS_ACCOFFS_X": 0.001,  # not 0, else it counts as not calibrated; the simulation adds the same
+    "INS_ACCOFFS_X": 0.001,  # 0 would count as not calibrated; the simulation adds the same offset
     "INS_ACCOFFS_Y": 0.001,
     "INS_ACCOFFS_Z": 0.001,
     "INS_ACCSCAL_X": 1.001,
@@ -51,14 +51,14 @@ OURS: Final = {
         for axis, value in zip("XYZ", (5.0, 13.0, -18.0), strict=True)
     },
     "BATT_MONITOR": 4.0,
-    "FS_THR_ENABLE": 0.0,  # there is no radio control, but sticks that rest: its simulation's own
+    "FS_THR_ENABLE": 0.0,  # there is no radio control; the simulation's own sticks are at rest
     "LOG_BACKEND_TYPE": 0.0,
     "GPS1_TYPE": 14.0,
     "MAV2_OPTIONS": 2.0,
     "DID_MAVPORT": 0.0,  # with DID_ENABLE 1: its transmitter is the companion, on the link `autopilot`
 }
-"""What makes ArduPilot's simulation one of ours: frame, calibration of its simulated sensors, GNSS by GPS_INPUT on a
-private port. The values of calibration are those of its own Tools/autotest/default_params/copter.parm."""
+"""Settings that make ArduPilot's simulation use the range: frame, calibration of its simulated sensors, GNSS by
+GPS_INPUT on a private port. The calibration values are those of its own Tools/autotest/default_params/copter.parm."""
 NATIVE: Final = {
     "MOT_THST_HOVER": 0.39,
     "MOT_THST_EXPO": 0.65,
@@ -68,18 +68,18 @@ NATIVE: Final = {
     "ATC_RAT_YAW_I": 0.02,
     "SIM_TERRAIN": 0.0,  # the ground is as high everywhere as at home
 }
-"""What fits ArduPilot's own quadcopter: again copter.parm's."""
+"""Settings for ArduPilot's own quadcopter, also from copter.parm."""
 SETS: Final = frozenset(
     ("GPS1_TYPE", "MAV2_OPTIONS", "GPS1_DELAY_MS", "MAV_SYSID", "SYSID_THISMAV", "SERIAL0_PROTOCOL", "SERIAL1_PROTOCOL")
 )
-"""Not a scenario's: the range lives by them."""
+"""Parameters that a scenario must not set, because the range depends on them."""
 PRIVATE_OPTIONS: Final = 3.0
 """MAVn_OPTIONS of a private channel beside a signed one: neither signed nor forwarded (GCS.h `Option`)."""
 _OLD: Final = {"GPS1_TYPE": "GPS_TYPE", "GPS1_DELAY_MS": "GPS_DELAY_MS"}
 
 
 def resolve(name: str, value: float, listed: Mapping[str, float]) -> tuple[str, float] | None:
-    """Name and value as the firmware that lists `listed` has them; `None` where it has no such parameter."""
+    """Name and value as the firmware that lists `listed` has them; `None` if it has no such parameter."""
     upper = name.upper()
     if upper in listed:
         return upper, value
@@ -147,10 +147,10 @@ def _values(
 
 
 def crossed(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[str, float]:
-    """The same where serial ports 0 and 1 change places, because MAVLink is signed.
+    """The parameters with serial ports 0 and 1 swapped, as signed MAVLink requires.
 
-    On its first channel ArduPilot believes anybody (GCS_Signing.cpp `accept_unsigned_callback`), as if it were USB:
-    so that one is the private port, and the link `autopilot` is its second.
+    ArduPilot accepts unsigned frames on its first channel (GCS_Signing.cpp `accept_unsigned_callback`), as if it were
+    USB. So the private port is the first channel then, and the link `autopilot` the second.
     """
     swapped = {
         "MAV1_OPTIONS": PRIVATE_OPTIONS,
@@ -161,16 +161,16 @@ def crossed(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[st
 
 
 def text_of(values: Mapping[str, float]) -> str:
-    """A file of defaults."""
+    """The text of a file of defaults."""
     return "".join(f"{name} {value:.9g}\n" for name, value in sorted(values.items()))
 
 
 def steps_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> tuple[int, int]:
-    """How time is cut: (exchanges per tick, ticks per exchange), one of them 1.
+    """Division of time into exchanges: (exchanges per tick, ticks per exchange), one of them 1.
 
-    ArduPilot reads its gyros once per exchange, and waits for them in each turn of its loop. It arms only if they are
-    read 1.8 times as often (AP_Arming.cpp, `ins_checks`), unless its arming checks leave them out. SIM_RATE_HZ may ask
-    for more.
+    ArduPilot reads its gyros once per exchange, and waits for them in each iteration of its loop. It arms only if they
+    are read 1.8 times as often (AP_Arming.cpp, `ins_checks`), unless its arming checks leave them out. SIM_RATE_HZ may
+    request more.
     """
     loop_hz = values.get(LOOP_RATE, listed.get(LOOP_RATE, 400.0))
     least_hz = max((1.8 if _checks_gyros(values, listed) else 1.0) * loop_hz, values.get(SIM_RATE, 0.0))
@@ -189,7 +189,7 @@ def _checks_gyros(values: Mapping[str, float], listed: Mapping[str, float]) -> b
 
 
 def moments_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> int:
-    """How many ticks with exchanges there are in a turn of ArduPilot's main loop; 1 where that is no whole number."""
+    """Ticks with exchanges per iteration of ArduPilot's main loop; 1 if that is not an integer."""
     _, ticks = steps_of(values, listed, quantum_s)
     moments = 1.0 / (values.get(LOOP_RATE, listed.get(LOOP_RATE, 400.0)) * quantum_s * ticks)
     whole = round(moments)
@@ -197,14 +197,14 @@ def moments_of(values: Mapping[str, float], listed: Mapping[str, float], quantum
 
 
 def refused(given: Mapping[str, float], listed: Mapping[str, float], told: Mapping[str, float]) -> Iterator[Fault]:
-    """What a firmware that was given `given` as defaults, and then told `told`, has not taken over as it is.
+    """The parameters in `given` that the firmware, which then reported `told`, has not taken over unchanged.
 
-    It says nothing about it: a number with decimals for a whole one is cut, one beyond its type's range becomes the
-    largest there is (AP_Param.cpp, `set_value`).
+    The firmware reports no error: it truncates a fraction given for an integer, and replaces a number beyond its
+    type's range by the largest one (AP_Param.cpp, `set_value`).
     """
     for name, value in given.items():
         found = resolve(name, value, listed)
         if found is not None and found[0] in told:
             kept = told[found[0]]
             if not math.isclose(kept, found[1], rel_tol=1e-6, abs_tol=1e-9):
-                yield Fault(name, f"{value:g}", f"a value that this firmware takes: it makes {kept:g} of it")
+                yield Fault(name, f"{value:g}", f"a value that this firmware accepts; it changed this one to {kept:g}")

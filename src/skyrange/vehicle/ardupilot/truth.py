@@ -1,8 +1,8 @@
-"""Where is an aircraft that ArduPilot's own simulation flies? Read from SIM_STATE, in our frames.
+"""True state of aircraft that ArduPilot's own simulation moves: read from SIM_STATE, in the range's frames.
 
-libraries/SITL/SITL.cpp, `sim_state_send`: position in 1e-7 degrees (1.1 cm) and whole centimetres above mean sea level,
-velocity north-east-down, body forward-right-down. The simulated body stands `GEAR_M` above the ground
-(SIM_Multicopter.cpp, `frame_height`). No time is told; that of the message before it holds.
+libraries/SITL/SITL.cpp, `sim_state_send`: position in 1e-7 degrees (1.1 cm) and whole centimetres above mean sea
+level, velocity north-east-down, body forward-right-down. The simulated body stands `GEAR_M` above the ground
+(SIM_Multicopter.cpp, `frame_height`). The message holds no time; the time of the previous message is used.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from skyrange.core.time import NS_PER_S, Time
 
 GEAR_M: Final = 0.1
 CARRY_NS: Final[Time] = NS_PER_S // 4
-"""No pose is brought forward, or back, by more."""
+"""Limit of the extrapolation of a pose, forwards or backwards."""
 _ROOT: Final = math.sqrt(0.5)
 
 
@@ -33,14 +33,14 @@ class State(NamedTuple):
 
     @property
     def sound(self) -> bool:
-        """Whether all of it are numbers, and the quaternion turns and does not stretch."""
+        """Whether all values are finite and the quaternion has unit length."""
         return all(map(math.isfinite, (*self[0], *self[1], *self[2], *self[3]))) and (
             abs(math.hypot(*self.attitude) - 1.0) < 0.01
         )
 
 
 def state_of(message: Message, origin: Origin) -> State:
-    """What a SIM_STATE says."""
+    """The state in a SIM_STATE message."""
     east_m, north_m = origin.enu_of(message.lat_int * 1e-7, message.lon_int * 1e-7)
     w, x, y, z = message.q1, message.q2, message.q3, message.q4
     return State(
@@ -63,7 +63,7 @@ class Truth:
         )  # fmt: skip
 
     def tell(self, row: int, state: State, late_ns: Time) -> None:
-        """`row` was there that long before the tick."""
+        """Take in the state of `row` as of `late_ns` before the tick."""
         poses = self._poses
         poses.fresh[row] = True
         poses.position_enu_m[row] = state.position_enu_m
@@ -73,7 +73,7 @@ class Truth:
         self._late_ns[row] = min(max(late_ns, -CARRY_NS), CARRY_NS)
 
     def take(self) -> Poses | None:
-        """What is new since the last time, brought to the tick by its velocity."""
+        """The poses that are new since the last call, extrapolated to the tick by their velocity."""
         if not self._poses.fresh.any():
             return None
         poses, late_s = self._poses, self._late_ns[:, None] / NS_PER_S

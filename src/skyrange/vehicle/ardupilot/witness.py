@@ -1,7 +1,7 @@
-"""What has happened aboard? Read from what an ArduPilot says, mostly on its private port; told as the builtin does.
+"""Events aboard an ArduPilot, detected in its MAVLink messages and noted as those of the builtin autopilot.
 
-The private port is asked for a few reports ten times a second, so an event is known within 0.1 s; that of a lost
-position from STATUSTEXT. Why a mode changed is not said by any message, and causes are not known.
+A few reports are requested on the private port ten times a second, so an event is detected within 0.1 s; the loss of
+position is detected in STATUSTEXT. No message gives the reason for a change of mode, and causes are not known.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ REPORTS: Final = {
     dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT: 10.0,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
 }
-"""What the private port is asked for, in Hz."""
+"""The reports requested on the private port, in Hz."""
 GLITCHING: Final = 1 << 15
 """EKF_STATUS_REPORT.flags (AP_NavEKF/AP_Nav_Common.h, `gps_glitching`)."""
 POSITIONED: Final = int(dialect.EKF_POS_HORIZ_ABS)
 JUMP_M: Final = 1.5
-"""What belief moves beyond its velocity between two reports is a reset."""
+"""A step of the estimate beyond its velocity between two reports counts as a reset."""
 _GROUND: Final = int(dialect.MAV_LANDED_STATE_ON_GROUND)
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 _DEGREE_M: Final = math.radians(6_378_137.0)
@@ -43,13 +43,13 @@ _TEXTS: Final[dict[str, Event]] = {
 
 
 def mode_name(number: int) -> str:
-    """Of a HEARTBEAT's custom_mode."""
+    """Name of a HEARTBEAT's custom_mode."""
     entry = dialect.enums["COPTER_MODE"].get(number)
     return str(entry.name).removeprefix("COPTER_MODE_") if entry is not None else str(number)
 
 
 class Witness:
-    """What is known of one aircraft; every change is an event."""
+    """The known state of one aircraft; every change of it is an event."""
 
     def __init__(self) -> None:
         self.mode = -1
@@ -62,7 +62,7 @@ class Witness:
         self._place: tuple[Time, float, float, float, float, float, float] | None = None
 
     def uploaded(self, payload: bytes) -> None:
-        """A frame goes to the autopilot: a mission's item tells which command a number stands for."""
+        """Process a frame to the autopilot: an uploaded mission item gives the command of its sequence number."""
         if message_id(payload) in _ITEMS:
             try:
                 item = decode(payload)
@@ -71,7 +71,7 @@ class Witness:
             self._mission[item.seq] = item.command
 
     def said(self, payload: bytes) -> Iterator[Event]:
-        """What a frame on its public port tells."""
+        """The events in a frame from its public port."""
         if message_id(payload) not in _HEARD:
             return
         message = decode(payload)
@@ -83,7 +83,7 @@ class Witness:
                 yield event
 
     def reported(self, message: Message) -> Iterator[Event]:
-        """What a message on its private port tells."""
+        """The events in a message from its private port."""
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
             if message.custom_mode != self.mode:
@@ -109,7 +109,7 @@ class Witness:
             yield from self._moved(message)
 
     def _moved(self, message: Message) -> Iterator[Event]:
-        """Belief that jumps is a reset of the estimator."""
+        """A jump of the reported position is a reset of the estimator."""
         now = message.time_boot_ms * NS_PER_MS
         lat, lon, up = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
         velocity = (message.vx * 1e-2, message.vy * 1e-2, -message.vz * 1e-2)

@@ -1,4 +1,4 @@
-"""What does the computer on board do? It broadcasts, listens, and takes the aircraft aside where another is near."""
+"""Companion computer: it broadcasts and receives Remote ID, and steers the aircraft clear of others."""
 
 from skyrange.vehicle.companion.companion import Companion
 from skyrange.vehicle.companion.spec import CompanionSpec

@@ -1,7 +1,7 @@
-"""What does a companion ask its autopilot to tell, and when again? All that Remote ID and avoidance are made of.
+"""Message requests: the telemetry that a companion requests from its autopilot, for Remote ID and avoidance.
 
-A message that has not come for a while is asked for; so what a ground station asked for already is left as it is, and
-a lost request, a rebooted autopilot and a stream that somebody stopped are the same case.
+A message that has not arrived for a while is requested. So what a ground station has already requested is left
+unchanged, and a lost request, a rebooted autopilot and a stream that somebody stopped are handled alike.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 MAV_STATE_ACTIVE: Final = int(mav.MAV_STATE_ACTIVE)
 AGAIN_NS: Final[Time] = 10 * NS_PER_S
-"""Not asked for again sooner."""
+"""Least time between two requests for the same message."""
 
 
 class Want(NamedTuple):
-    """One message: how often, how long it may be missing, and which field of `BELIEF` says when it came."""
+    """One message: its interval, how long it may be missing, and the field of `BELIEF` that holds when it came."""
 
     message: int
     interval_ns: Time
@@ -31,10 +31,10 @@ class Want(NamedTuple):
 
 GOAL: Final = Want(int(mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT), NS_PER_S, 3 * NS_PER_S, "goal_ns")
 WANTS: Final = (
-    # no sooner than a ground station may have asked for it, at a rate that avoidance can use
+    # no sooner than a ground station may have requested it, at a rate that avoidance can use
     Want(int(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT), 250 * NS_PER_MS, 3 * NS_PER_S, "place_ns"),
     Want(int(mav.MAVLINK_MSG_ID_GPS_RAW_INT), NS_PER_S, 3 * NS_PER_S, "gnss_ns"),
-    # clocks and take-off places change seldom: HOME_POSITION is told unasked when it does
+    # clocks and home positions change seldom: HOME_POSITION is sent without a request when it does
     Want(int(mav.MAVLINK_MSG_ID_SYSTEM_TIME), 5 * NS_PER_S, 12 * NS_PER_S, "time_ns"),
     Want(int(mav.MAVLINK_MSG_ID_HOME_POSITION), 5 * NS_PER_S, 12 * NS_PER_S, "home_ns"),
     GOAL,
@@ -42,30 +42,30 @@ WANTS: Final = (
 
 
 class Asking:
-    """What was asked of many autopilots, and when. Deep-copyable."""
+    """The requests to many autopilots, and their times. Deep-copyable."""
 
     def __init__(self, avoids: NDArray[np.bool_]) -> None:
-        """`avoids` (n,): whose goals are of interest."""
+        """`avoids` (n,): the aircraft whose goals are needed."""
         count = len(avoids)
         self._avoids = avoids
         self._since_ns = np.full(count, -1, dtype=np.int64)
         self._asked_ns = np.full((count, len(WANTS)), -1, dtype=np.int64)
 
     def due(self, now: Time, table: Any, auto: int) -> list[tuple[int, Want]]:
-        """(place, message) to ask for now; `auto` is the number of the mode in which there is a goal."""
+        """(row, message) to request now; `auto` is the number of the mode in which there is a goal."""
         beating = table["beat_ns"] >= 0
         new = beating & (self._since_ns < 0)
         self._since_ns[new] = now
         found = []
         for column, want in enumerate(WANTS):
-            told, asked = table[want.told], self._asked_ns[:, column]
+            received, asked = table[want.told], self._asked_ns[:, column]
             never = asked < 0
-            since = np.maximum(told, self._since_ns)
+            since = np.maximum(received, self._since_ns)
             silent = beating & (now - since >= want.missing_ns)
             if want.told != "place_ns":
-                silent |= beating & never & (told < 0)  # at once
+                silent |= beating & never & (received < 0)  # at once
             silent &= never | (now - asked >= AGAIN_NS)
-            if want is GOAL:  # nothing is told where there is none: on the ground, and in other modes
+            if want is GOAL:  # no goal is sent on the ground and in other modes
                 silent &= self._avoids & (never | ((table["mode"] == auto) & (table["state"] == MAV_STATE_ACTIVE)))
             rows: Ints = np.flatnonzero(silent)
             self._asked_ns[rows, column] = now

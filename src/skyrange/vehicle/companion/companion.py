@@ -1,7 +1,8 @@
-"""The computer on board of many aircraft, as one agent: it broadcasts, listens and avoids.
+"""Companion computers of many aircraft as one agent: it broadcasts, receives and avoids.
 
-It hears `rid_data` (what the autopilot tells) and `rid_down` (who is heard), broadcasts on `rid_up`, and commands its
-autopilot on `log`, where it only speaks: what passes there between ground station and autopilot is a route's.
+It receives `rid_data` (the autopilot's reports) and `rid_down` (broadcasts of others), broadcasts on `rid_up`, and
+commands its autopilot on `log`, where it only sends: frames between ground station and autopilot are forwarded there
+by a route.
 """
 
 from __future__ import annotations
@@ -38,27 +39,27 @@ from skyrange.vehicle.companion.screen import conflicts
 from skyrange.vehicle.companion.spec import CompanionSpec
 
 SERVICE_NS: Final[Time] = AHEAD_NS
-"""Its own program works at 20 Hz; what it forwards goes by a route, more often."""
+"""Its own program runs at 20 Hz; what it forwards is handled by a route, more often."""
 LOOK_NS: Final[Time] = 250 * NS_PER_MS
-"""How often it looks for conflicts."""
+"""Interval of the search for conflicts."""
 FLOOR_M: Final = 5.0
-"""Below this height above home, taking off and landing, it does not interfere."""
+"""Below this height above home, during take-off and landing, it does not interfere."""
 GOAL_NS: Final[Time] = 5 * NS_PER_S
-"""A goal that was not told again for so long is none."""
+"""A goal that was not reported again for this long is dropped."""
 LINK_ID: Final = 0
-"""In signatures: it has one MAVLink connection."""
+"""Link id of its signatures: it has one MAVLink connection."""
 _SIDES: Final = 3  # rid_data, rid_up, rid_down
 _COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
-"""What is counted, and noted at 1, 2, 4, 8 …: a flood must not fill the record."""
+"""What is counted, and noted at 1, 2, 4, 8 …, so that a flood does not fill the record."""
 
 
 class Companion:
-    """The agent (contract: `agent.contracts.Agent`). Deep copies of it go on alike."""
+    """The agent (contract: `agent.contracts.Agent`). Deep copies continue alike."""
 
     service_ns: Time = SERVICE_NS
 
     def __init__(self, name: str, specs: Sequence[CompanionSpec], origin: Origin, chance: Chance) -> None:
-        """`chance` spreads the broadcasts of different aircraft within the second, and nothing else."""
+        """`chance` spreads the broadcasts of different aircraft within the second, and is used for nothing else."""
         self.name = name
         self.specs = tuple(specs)
         count = len(self.specs)
@@ -70,7 +71,7 @@ class Companion:
         self.speaks: Sequence[Port] = [
             Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
         ]
-        """Where it sends without listening."""
+        """Ports on which it sends without receiving."""
         self._places = {port: place for place, port in enumerate(self.ports)}
         signed = [
             Connection(spec.vehicle, spec.signing_key, self.ports[place * _SIDES], self.speaks[place])
@@ -98,16 +99,16 @@ class Companion:
                 for spec in self.specs
             ]
         ).reshape(count, 3)
-        self._asking = Asking(self._avoids)
-        self._guards: dict[int, Guard] = {}
+        self._requests = Asking(self._avoids)
+        self._handovers: dict[int, Guard] = {}
         self._counts = np.zeros((count, len(_COUNTS)), dtype=np.int64)
         self._bad = np.zeros(count, dtype=np.int64)
-        self._trouble = np.full(count, -1, dtype=np.int64)
+        self._arm_status = np.full(count, -1, dtype=np.int64)
         self._look_ns: Time = LOOK_NS
         self._second_ns: Time = NS_PER_S
 
     def next_wakeup(self) -> Time | None:
-        """The next broadcast, look or full second."""
+        """The next broadcast, search for conflicts or full second."""
         times = [self._second_ns]
         if self._avoids.any():
             times.append(self._look_ns)
@@ -115,14 +116,14 @@ class Companion:
         return min(times) if due is None else min(*times, due)
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Take in the mail, then do what is due."""
+        """Take in what arrived, then do what is due."""
         out = Outbox()
         if len(inbox):
-            self._listen(now, inbox, out)
+            self._receive(now, inbox, out)
         if now >= self._look_ns:
             self._look_ns = now - now % LOOK_NS + LOOK_NS
             if self._avoids.any():
-                self._look(now, out)
+                self._check_conflicts(now, out)
         if now >= self._second_ns:
             self._second_ns = now - now % NS_PER_S + NS_PER_S
             self._each_second(now, out)
@@ -135,7 +136,7 @@ class Companion:
 
     # --- what comes in -------------------------------------------------------------------------
 
-    def _listen(self, now: Time, inbox: Inbox, out: Outbox) -> None:
+    def _receive(self, now: Time, inbox: Inbox, out: Outbox) -> None:
         mail = inbox.columns(self._places)
         if self._signed is not None:
             mail = self._signed.open(now, inbox, mail, out)
@@ -145,28 +146,28 @@ class Companion:
             self._beliefs.update(vehicle[data], mail.at_ns[data], mail.payloads.take(data))
         heard = np.flatnonzero(side == _SIDES - 1)
         if heard.size:
-            self._hear(inbox, mail, vehicle, heard)
+            self._receive_broadcasts(inbox, mail, vehicle, heard)
 
-    def _hear(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
+    def _receive_broadcasts(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
         rid = read_rows(mail.payloads.take(heard))
         said = location_rows(rid.bodies)
         ref, serial = self._refs.read(inbox, mail.order[heard])
-        np.add.at(self._bad, vehicle[heard[~said.whole]], 1)  # no frame of this link has no body either
+        np.add.at(self._bad, vehicle[heard[~said.whole]], 1)  # a payload that is no frame has no valid body either
         self.tracks.update(Heard(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial))
 
     # --- detect and avoid ------------------------------------------------------------------------
 
-    def _look(self, now: Time, out: Outbox) -> None:
-        """Find conflicts, and let those that have one, or are avoiding, decide."""
+    def _check_conflicts(self, now: Time, out: Outbox) -> None:
+        """Find conflicts, and decide for each aircraft that has one or is avoiding."""
         table = self._beliefs.table
         placed = fresh(table["place_ns"], now, PLACE_NS) & fresh(table["beat_ns"], now, BEAT_NS)
         flying = placed & (table["armed"] == 1) & (table["state"] >= mav.MAV_STATE_ACTIVE)
         free = self._avoids & flying & (table["mode"] == wire.AUTO) & (table["state"] == mav.MAV_STATE_ACTIVE)
         free &= table["above_home_m"] >= FLOOR_M
-        places, velocities = self._own(now)
+        places, velocities = self._own_motion(now)
         found = conflicts(self.tracks, now, places, velocities, self._limits, free)
-        for row in sorted({*np.flatnonzero(found).tolist(), *self._guards}):
-            guard = self._guards.get(row) or Guard()
+        for row in sorted({*np.flatnonzero(found).tolist(), *self._handovers}):
+            guard = self._handovers.get(row) or Guard()
             mode, beat_ns = int(table["mode"][row]), int(table["beat_ns"][row])
             failsafe = int(table["state"][row]) >= mav.MAV_STATE_CRITICAL
             order = guard.observe(now, mode, beat_ns, bool(flying[row]), failsafe)
@@ -174,15 +175,15 @@ class Companion:
                 self._carry_out(now, row, order, None, (), out)
             may = guard.engaged or (bool(free[row]) and now >= guard.quiet_until_ns)
             if may and not (guard.hold is Hold.GIVING and not found[row]):
-                own = self._state(now, row, guard, places, velocities)
+                own = self._own_state(now, row, guard, places, velocities)
                 self._decide(now, row, guard, own, out)
             if guard.engaged or now < max(guard.quiet_until_ns, guard.left_ns + GOAL_NS):
-                self._guards[row] = guard
+                self._handovers[row] = guard
             else:
-                self._guards.pop(row, None)
+                self._handovers.pop(row, None)
 
-    def _own(self, now: Time) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(n, 3) places as of now and velocities, as believed, in the local frame."""
+    def _own_motion(self, now: Time) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, 3) current positions and velocities, as believed, in the local frame."""
         table = self._beliefs.table
         velocity = np.column_stack((table["vel_e"], table["vel_n"], -table["vel_d"]))
         east, north = self._origin.to_enu(table["lat_e7"] * 1e-7, table["lon_e7"] * 1e-7)
@@ -190,10 +191,10 @@ class Companion:
         age_s = np.clip((now - table["place_ns"]) / NS_PER_S, 0.0, PLACE_NS / NS_PER_S)
         return np.column_stack((east, north, up)) + velocity * age_s[:, None], velocity
 
-    def _state(
+    def _own_state(
         self, now: Time, row: int, guard: Guard, places: NDArray[np.float64], velocities: NDArray[np.float64]
     ) -> Own:
-        """The aircraft's belief of itself, with the goal of the mission it flies or has left."""
+        """The aircraft's own believed state, with the goal of the mission that it flies or has left."""
         (x, y, z), (u, v, w) = places[row].tolist(), velocities[row].tolist()
         goal = guard.goal_enu_m if guard.engaged else self._goal(now, row, guard)
         if goal is None:
@@ -202,7 +203,9 @@ class Companion:
         return Own((x, y, z), (u, v, w), goal, self.specs[row].cruise_mps)
 
     def _goal(self, now: Time, row: int, guard: Guard) -> Vector | None:
-        """Where the mission leads, told in AUTO and lately; just after an avoidance still what it was before."""
+        """The mission's goal, if reported in AUTO and recently; shortly after an avoidance still the one from before
+        it.
+        """
         told = self._beliefs.table[row]
         if told["goal_ns"] <= guard.left_ns + NS_PER_S // 2 and guard.goal_enu_m is not None:
             return guard.goal_enu_m
@@ -240,7 +243,7 @@ class Companion:
         causes: tuple[FrameId, ...],
         out: Outbox,
     ) -> None:
-        """Send what an order says, and note it."""
+        """Send the commands of an order, and note it."""
         spec, boot_ms = self.specs[row], int(self._beliefs.table["boot_ms"][row])
         if order.note:
             data: dict[str, Scalar] = {"mode": int(self._beliefs.table["mode"][row])}
@@ -255,36 +258,36 @@ class Companion:
                     data |= dict(zip(("east_m", "north_m", "up_m"), decision.waypoint_enu_m, strict=True))
             out.note(order.note, spec.vehicle, data, causes)
         if order.mode is not None:
-            self._say(row, wire.set_mode(spec.system_id, order.mode), causes, out)
+            self._send_command(row, wire.set_mode(spec.system_id, order.mode), causes, out)
             if order.mode != wire.RTL:
-                self._say(row, wire.set_speed(spec.system_id, spec.cruise_mps), causes, out)
+                self._send_command(row, wire.set_speed(spec.system_id, spec.cruise_mps), causes, out)
         if order.place is not None:
-            self._say(row, wire.go_to(spec.system_id, boot_ms, self._origin, order.place), causes, out)
+            self._send_command(row, wire.go_to(spec.system_id, boot_ms, self._origin, order.place), causes, out)
         elif order.stop:
-            self._say(row, wire.hold(spec.system_id, boot_ms), causes, out)
+            self._send_command(row, wire.hold(spec.system_id, boot_ms), causes, out)
 
     # --- once a second ---------------------------------------------------------------------------
 
     def _each_second(self, now: Time, out: Outbox) -> None:
-        """Ask for what is missing, say how Remote ID is, and tell what was counted."""
+        """Request what is missing, report the status of Remote ID, and note counters."""
         table = self._beliefs.table
-        for row, want in self._asking.due(now, table, wire.AUTO):
+        for row, want in self._requests.due(now, table, wire.AUTO):
             interval_us = want.interval_ns // 1000
-            self._say(row, wire.set_interval(self.specs[row].system_id, want.message, interval_us), (), out)
+            self._send_command(row, wire.set_interval(self.specs[row].system_id, want.message, interval_us), (), out)
         trouble = self._broadcaster.troubles(now, self._beliefs)
         beating = table["beat_ns"] >= 0
-        changed = beating & (trouble != self._trouble)
-        self._trouble[changed] = trouble[changed]
+        changed = beating & (trouble != self._arm_status)
+        self._arm_status[changed] = trouble[changed]
         for row in np.flatnonzero(changed).tolist():
             words = TROUBLES[trouble.item(row)]
             out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not words, "trouble": words})
         rows = np.flatnonzero(beating & self._broadcaster.of_autopilot)
         if rows.size:
-            self._tell_transmission(now, rows, out)
-        # before take-off each second, as a transmitter does; in flight when it changes, but to an autopilot that asks
+            self._send_identity(now, rows, out)
+        # before take-off every second, as a transmitter does; in flight on a change, always to one with ODID
         asked = changed | (table["armed"] == 0) | self._broadcaster.of_autopilot
         for row in np.flatnonzero(beating & asked).tolist():
-            self._say(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
+            self._send_command(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
         counts = np.column_stack((self.tracks.counts, self._bad + table["bad"]))
         for row, column in np.argwhere(counts != self._counts).tolist():
             count = counts.item(row, column)
@@ -292,12 +295,12 @@ class Companion:
                 out.note(_COUNTS[column], self.specs[row].vehicle, {"count": count})
         self._counts = counts
 
-    def _tell_transmission(self, now: Time, rows: Ints, out: Outbox) -> None:
-        """Tell autopilots with Open Drone ID who they are and where the operator is, as a ground station would."""
+    def _send_identity(self, now: Time, rows: Ints, out: Outbox) -> None:
+        """Send autopilots with Open Drone ID their identity and the operator's location, as a ground station would."""
         for row, said in zip(rows.tolist(), self._broadcaster.told(rows, now, self._beliefs), strict=True):
             target = (self.specs[row].system_id, wire.AUTOPILOT)
             for message in said:
-                self._say(row, to_mavlink(message, target=target), (), out)
+                self._send_command(row, to_mavlink(message, target=target), (), out)
 
-    def _say(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
+    def _send_command(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
         out.send(self.speaks[row], self._packers[row].pack(message), causes)

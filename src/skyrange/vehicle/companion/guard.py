@@ -1,9 +1,9 @@
-"""Who flies the aircraft, its mission or its avoidance? What a companion commands, and when it keeps its hands off.
+"""Control handover between mission and avoidance: what a companion commands, and when it does not interfere.
 
-It acts in AUTO, by taking the aircraft to GUIDED, and gives it back to AUTO. Modes are known from HEARTBEATs alone,
-a second late; so a command has some time to show, and is repeated a few times. Any other mode (an operator's
-choice, LAND, RTL, a failsafe), and AUTO again where GUIDED had shown, means that somebody else has taken over: the
-companion yields at once, commands nothing, and waits before it acts again.
+It acts in AUTO, by switching the aircraft to GUIDED, and returns it to AUTO. It knows the mode from HEARTBEATs alone,
+up to a second late; so a command has some time to take effect, and is repeated a few times. Any other mode (an
+operator's choice, LAND, RTL, a failsafe), and AUTO again after GUIDED was confirmed, means that somebody else has
+taken control: the companion yields at once, commands nothing, and waits before it acts again.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from skyrange.vehicle.avoidance.contract import Action, Decision, Episode, Vecto
 from skyrange.vehicle.companion.wire import AUTO, GUIDED, RTL
 
 SHOWN_NS: Final[Time] = 5 * NS_PER_S // 2
-"""A mode shows in a heartbeat by then: two of them, and their way."""
+"""A commanded mode appears in a heartbeat within this time: two heartbeats, and their transmission."""
 TRIES: Final = 3
 YIELD_NS: Final[Time] = 10 * NS_PER_S
-"""How long it does nothing after somebody else took over."""
+"""How long it stays passive after somebody else took control."""
 SAME_M: Final = 0.5
-"""Nearer to each other than that, two waypoints are one."""
+"""Waypoints closer to each other than this are the same."""
 TELL_NS: Final[Time] = 3 * NS_PER_S
-"""A waypoint is sent again, for what is not acknowledged may be lost."""
+"""A waypoint is sent again after this time, because it is not acknowledged and may be lost."""
 
 
 class Hold(StrEnum):
-    """Whose the aircraft is."""
+    """Who controls the aircraft."""
 
     MISSION = "mission"
     TAKING = "taking"
-    """GUIDED was commanded and has not shown yet."""
+    """GUIDED was commanded and is not confirmed yet."""
     OURS = "ours"
     GIVING = "giving"
-    """AUTO was commanded and has not shown yet."""
+    """AUTO was commanded and is not confirmed yet."""
 
 
 @dataclass(slots=True)
 class Order:
-    """What is to be sent: a mode, a place, a stop; and what is to be noted."""
+    """What to send: a mode, a position, a stop; and the note to write."""
 
     mode: int | None = None
     place: Vector | None = None
@@ -52,29 +52,29 @@ class Order:
 
 @dataclass(slots=True)
 class Guard:
-    """One aircraft's avoidance as its companion carries it out."""
+    """State of one aircraft's avoidance as its companion carries it out."""
 
     hold: Hold = Hold.MISSION
     episode: Episode | None = None
     goal_enu_m: Vector | None = None
-    """Where the mission led when it was left."""
+    """The mission's goal when it was left."""
     left_ns: Time = -NEVER
-    """When it was given back."""
+    """When control was returned."""
     asked_ns: Time = -NEVER
     tries: int = 0
     told: tuple[Action, Vector | None] | None = None
     told_ns: Time = -NEVER
     quiet_until_ns: Time = -NEVER
     causes: tuple[FrameId, ...] = ()
-    """The frames behind what was commanded last."""
+    """The frames that caused the last command."""
 
     @property
     def engaged(self) -> bool:
-        """Whether the aircraft is out of its mission, or on its way there or back."""
+        """Whether the aircraft is out of its mission, or changing from or to it."""
         return self.hold is not Hold.MISSION
 
     def observe(self, now: Time, mode: int, beat_ns: Time, flying: bool, failsafe: bool) -> Order | None:
-        """Take in how the aircraft is, as told by the heartbeat of `beat_ns`; what must be done about it."""
+        """Take in the state in the heartbeat of `beat_ns`; returns what has to be done about it."""
         if not self.engaged:
             return None
         if not flying:
@@ -84,7 +84,7 @@ class Guard:
             return self._yield(now, "decision.yield") if fresh or self.hold is Hold.OURS else None
         if self.hold is Hold.OURS and (mode == AUTO or failsafe):
             order = self._yield(now, "decision.yield")
-            order.mode = AUTO if failsafe and mode == GUIDED else None  # left in GUIDED it would hang there
+            order.mode = AUTO if failsafe and mode == GUIDED else None  # left in GUIDED it would hover there
             return order
         wanted = AUTO if self.hold is Hold.GIVING else GUIDED
         if self.hold is not Hold.OURS and mode == wanted and fresh:
@@ -98,7 +98,7 @@ class Guard:
         return None
 
     def follow(self, now: Time, decision: Decision, goal_enu_m: Vector) -> Order | None:
-        """Carry out a decision: what to send, None for nothing new."""
+        """Carry out a decision: what to send, None if there is nothing new."""
         self.episode = decision.episode
         action = decision.action
         if action is Action.KEEP:
@@ -115,14 +115,14 @@ class Guard:
             self.hold, self.asked_ns, self.tries, self.told = Hold.TAKING, now, 1, None
             self.goal_enu_m = goal_enu_m
             order.mode, order.note = GUIDED, "decision.avoid"
-        told = (action, decision.waypoint_enu_m)
-        same = self.told is not None and self.told[0] is action and _near(self.told[1], told[1])
+        wanted = (action, decision.waypoint_enu_m)
+        same = self.told is not None and self.told[0] is action and _same_waypoint(self.told[1], wanted[1])
         if same and now - self.told_ns < TELL_NS:
             return None
         if not same:
             order.note = "decision.avoid"
         order.place, order.stop = decision.waypoint_enu_m, action is Action.STOP
-        self.told, self.told_ns = told, now
+        self.told, self.told_ns = wanted, now
         return order
 
     def _yield(self, now: Time, note: str) -> Order:
@@ -131,6 +131,6 @@ class Guard:
         return Order(note=note)
 
 
-def _near(one: Vector | None, two: Vector | None) -> bool:
+def _same_waypoint(one: Vector | None, two: Vector | None) -> bool:
     """Whether two waypoints are the same to the autopilot."""
     return one == two if one is None or two is None else math.dist(one, two) < SAME_M

@@ -1,4 +1,4 @@
-"""Which of many aircraft have somebody in their way? All tracks of all of them, in one kernel."""
+"""Conflict detection for many aircraft: all tracks of all of them, in one kernel."""
 
 from __future__ import annotations
 
@@ -52,7 +52,8 @@ def _screen(
 def conflicts(
     tracks: TrackTable, now: Time, places: Floats, velocities: Floats, limits: Floats, asks: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """(n,) who of those that ask is on a conflict course with anybody in the air, as `avoidance.conflicts` has it.
+    """(n,) which of the aircraft in `asks` are on a conflict course with an airborne track, as in
+    `avoidance.conflicts`.
 
     `places` and `velocities` (n, 3) in the local frame; `limits` (n, 3): protected radius and half height in m, and
     look-ahead in s.

@@ -1,4 +1,4 @@
-"""What does a companion need to know of its aircraft before the run?"""
+"""Companion specification: what a companion is told of its aircraft before the run."""
 
 from __future__ import annotations
 
@@ -18,6 +18,6 @@ class CompanionSpec:
     broadcast: Broadcast
     avoidance: Avoidance | None = None
     cruise_mps: float = 10.0
-    """The mission's speed over ground, which is kept while avoiding and after."""
+    """The mission's ground speed, kept during and after avoidance."""
     signing_key: SigningKey | None = field(default=None, repr=False)
-    """Its autopilot's, where that is signed: it signs what it commands, and believes what is signed with it."""
+    """The autopilot's key, if its MAVLink is signed: the companion signs its commands and verifies what it receives."""

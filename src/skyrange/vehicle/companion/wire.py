@@ -1,4 +1,4 @@
-"""How does a companion speak to its autopilot? The few MAVLink messages it sends, as ArduCopter takes them.
+"""Commands of a companion to its autopilot: the few MAVLink messages it sends, as ArduCopter expects them.
 
 GCS_MAVLink_Copter.cpp and GCS_Common.cpp: DO_SET_MODE, SET_MESSAGE_INTERVAL by COMMAND_LONG, and
 SET_POSITION_TARGET_GLOBAL_INT in GUIDED, from component 191 of the aircraft's own system.
@@ -22,7 +22,7 @@ RTL: Final = int(mav.COPTER_MODE_RTL)
 
 _POSITION_ONLY: Final = 0b110111111000
 _VELOCITY_ONLY: Final = 0b110111000111
-"""POSITION_TARGET_TYPEMASK: what is ignored. Acceleration, yaw and yaw rate always."""
+"""POSITION_TARGET_TYPEMASK: what is ignored. Acceleration, yaw and yaw rate are always ignored."""
 
 
 def set_mode(system: int, mode: int) -> Message:
@@ -47,7 +47,7 @@ def set_interval(system: int, message: int, interval_us: int) -> Message:
 
 
 def go_to(system: int, boot_ms: int, origin: Origin, place: Vector) -> Message:
-    """Fly to a place and stay there."""
+    """Fly to a position and stay there."""
     lat, lon = origin.geodetic_of(place[0], place[1])
     return mav.MAVLink_set_position_target_global_int_message(
         boot_ms, system, AUTOPILOT, mav.MAV_FRAME_GLOBAL_INT, _POSITION_ONLY, round(lat * 1e7), round(lon * 1e7),
@@ -56,13 +56,13 @@ def go_to(system: int, boot_ms: int, origin: Origin, place: Vector) -> Message:
 
 
 def hold(system: int, boot_ms: int) -> Message:
-    """Come to rest: a velocity of 0, which ArduCopter keeps when it runs out (GUID_TIMEOUT)."""
+    """Stop: a velocity of 0, which ArduCopter keeps after the command expires (GUID_TIMEOUT)."""
     return mav.MAVLink_set_position_target_global_int_message(
         boot_ms, system, AUTOPILOT, mav.MAV_FRAME_GLOBAL_INT, _VELOCITY_ONLY, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0
     )
 
 
 def arm_status(trouble: str) -> Message:
-    """OPEN_DRONE_ID_ARM_STATUS: good, or why not."""
+    """OPEN_DRONE_ID_ARM_STATUS: good, or the reason why not."""
     status = mav.MAV_ODID_ARM_STATUS_PRE_ARM_FAIL_GENERIC if trouble else mav.MAV_ODID_ARM_STATUS_GOOD_TO_ARM
     return mav.MAVLink_open_drone_id_arm_status_message(status, trouble.encode()[:50])

@@ -1,1 +1,1 @@
-"""Which vehicles fly outside? Real ones, or simulations that the range did not start, seen by what they report."""
+"""External vehicles: real ones, or simulations that the range did not start, observed through their reports."""

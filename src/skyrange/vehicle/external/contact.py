@@ -1,4 +1,4 @@
-"""What is known of one external vehicle, and what goes to it? Its wire, its interlock, what it said and is asked."""
+"""Session with one external vehicle: its connection, its interlock, its reports, and the requests for them."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from skyrange.vehicle.external.reports import REACH_M, Reports
 from skyrange.vehicle.spec import VehicleSpec
 
 FAR_M: Final = 50.0
-"""Farther than this from its `start` it is not where the scenario says, and that is noted."""
+"""A vehicle farther than this from its `start` is not where the scenario says, and that is noted."""
 LOOK_S: Final = 2.0
-"""How often what comes is compared with what was asked for."""
+"""Interval at which the received messages are compared with the requested ones."""
 SLOWEST_S: Final = 32.0
-"""What is never told is asked for less and less often, down to this."""
+"""A message that never comes is requested less and less often, down to this interval."""
 ENOUGH: Final = 0.6
-"""Of what was asked for: less is asked for anew, as others ask for the same messages, slower."""
+"""Share of the requested rate; below it the message is requested again, since others may request it at a lower rate."""
 COMPONENT: Final = int(dialect.MAV_COMP_ID_ONBOARD_COMPUTER4)
-"""Who asks: a computer of its own system, other than the companion."""
+"""Component of the requests: a computer of the vehicle's own system, other than the companion."""
 AUTOPILOT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 STATE_HZ: Final = 2.0
 
@@ -37,7 +37,7 @@ Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 
 
 class Contact:
-    """One vehicle. What is worth noting waits in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
+    """One vehicle. Notes wait in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
 
     def __init__(self, spec: VehicleSpec, wire: Wire, open_: bool, rate_hz: float) -> None:
         self.spec = spec
@@ -47,9 +47,9 @@ class Contact:
         self.notes: list[Note] = []
         self.reports = Reports()
         self.late_ns: Time | None = None
-        """How old a new position is; `None` where there is none since it was taken."""
+        """Age of a new position; `None` if there is none since it was last taken."""
         self.lost = 0
-        """Frames that the interlock let pass, and the wire did not take."""
+        """Frames that the interlock passed, and the connection did not accept."""
         self._witness = Witness()
         self._packer = Packer(spec.system_id, COMPONENT)
         self._asked: dict[int, float] = {
@@ -57,24 +57,24 @@ class Contact:
             dialect.MAVLINK_MSG_ID_ATTITUDE: rate_hz,
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: STATE_HZ,
         }
-        self._came: dict[int, int] = dict.fromkeys(self._asked, 0)
-        self._pause_s: dict[int, float] = dict.fromkeys(self._asked, LOOK_S)
-        self._ask_s: dict[int, float] = dict.fromkeys(self._asked, 0.0)
-        self._looked_s = -math.inf
+        self._received: dict[int, int] = dict.fromkeys(self._asked, 0)
+        self._retry_s: dict[int, float] = dict.fromkeys(self._asked, LOOK_S)
+        self._next_request_s: dict[int, float] = dict.fromkeys(self._asked, 0.0)
+        self._checked_s = -math.inf
         self._heard_s = -math.inf
-        """When it last spoke, on the clock of the engine."""
-        self._placed_s = -math.inf
-        self._called_s = math.inf
-        """When its wire was last called anew."""
-        self._beats = 0
+        """When it last sent anything, on the clock of the engine."""
+        self._position_s = -math.inf
+        self._reopened_s = math.inf
+        """When its connection was last opened again."""
+        self._heartbeats = 0
         self._strangers: dict[int, int] = {}
-        self._elsewhere = False
-        """Whether what it reports is beyond `REACH_M`."""
+        self._out_of_range = False
+        """Whether its reported position is beyond `REACH_M`."""
 
     # ---------------------------------------------------------------- to it
 
     def tell(self, arrival: Arrival) -> None:
-        """What the range says to it goes out if the interlock lets it."""
+        """Send a frame of the range to it, if the interlock permits."""
         refusal = self.interlock.judge(arrival.payload)
         if refusal is None:
             self.lost += not self.wire.write(arrival.payload)
@@ -85,18 +85,18 @@ class Contact:
             self.note("event.interlock", {**refusal._asdict(), "count": count}, (arrival.ref,))
 
     def ask(self, now_s: float) -> None:
-        """Ask for what truth is made of, where it does not come as often as was asked."""
-        if not self.wire.connected or now_s < self._looked_s + LOOK_S:
+        """Request the messages that truth is made of, where they arrive less often than requested."""
+        if not self.wire.connected or now_s < self._checked_s + LOOK_S:
             return
-        since_s, self._looked_s = now_s - self._looked_s, now_s
+        since_s, self._checked_s = now_s - self._checked_s, now_s
         for number, rate_hz in self._asked.items():
-            came, self._came[number] = self._came[number], 0
+            came, self._received[number] = self._received[number], 0
             if came >= ENOUGH * rate_hz * min(since_s, LOOK_S):
-                self._pause_s[number], self._ask_s[number] = LOOK_S, 0.0
-            elif now_s >= self._ask_s[number]:
-                self._ask_s[number] = now_s + self._pause_s[number]
+                self._retry_s[number], self._next_request_s[number] = LOOK_S, 0.0
+            elif now_s >= self._next_request_s[number]:
+                self._next_request_s[number] = now_s + self._retry_s[number]
                 if not came:
-                    self._pause_s[number] = min(2.0 * self._pause_s[number], SLOWEST_S)
+                    self._retry_s[number] = min(2.0 * self._retry_s[number], SLOWEST_S)
                 asks = self._packer.pack(_interval(self.spec.system_id, number, rate_hz))
                 if self.interlock.judge(asks) is None:
                     self.wire.write(asks)
@@ -104,40 +104,40 @@ class Contact:
     # ---------------------------------------------------------------- from it
 
     def heard(self, piece: Piece, now_s: float, origin: Origin) -> None:
-        """It has said something."""
+        """Process what it sent."""
         if piece.garbage:
             return
         sender = system_of(piece.data)
         if sender != self.spec.system_id:
-            self._stranger(sender or 0)
+            self._count_foreign(sender or 0)
             return
         message = decode(piece.data)
         if message.get_srcComponent() != AUTOPILOT:
             return
         self._heard_s = now_s
         number = int(type(message).id)
-        if number in self._came:
-            self._came[number] += 1
+        if number in self._received:
+            self._received[number] += 1
         if number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            self._beats += 1
+            self._heartbeats += 1
         elif number == dialect.MAVLINK_MSG_ID_ATTITUDE:
             self.reports.turned(message)
         elif number == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-            self._place(message, now_s, origin)
+            self._on_position(message, now_s, origin)
         for kind, told in (*self._witness.reported(message), *self._witness.said(piece.data)):
             self.note(kind, told)
 
-    def _place(self, message: Message, now_s: float, origin: Origin) -> None:
+    def _on_position(self, message: Message, now_s: float, origin: Origin) -> None:
         if message.time_boot_ms + 1000 < self.reports.boot_ms:
             self._witness = Witness()
             self.note("event.reboot", {"system_id": self.spec.system_id})
         late_ns = self.reports.moved(message, origin, now_s)
-        self._elsewhere = late_ns is None
+        self._out_of_range = late_ns is None
         if late_ns is None:
             return
-        self.late_ns, self._placed_s = late_ns, now_s
+        self.late_ns, self._position_s = late_ns, now_s
 
-    def _stranger(self, system: int) -> None:
+    def _count_foreign(self, system: int) -> None:
         count = self._strangers[system] = self._strangers.get(system, 0) + 1
         if count & (count - 1) == 0:
             self.note("event.foreign_system", {"system_id": system, "expected": self.spec.system_id, "count": count})
@@ -145,25 +145,26 @@ class Contact:
     # ---------------------------------------------------------------- how it is
 
     def judge(self, now_s: float, silent_s: float) -> None:
-        """Booting until it is placed, ready, silent while its place is `silent_s` old.
+        """Update the status: booting until its position is known, ready, silent while its position is older than
+        `silent_s`.
 
-        A wire that says nothing for so long is called again.
+        A connection without data for that long is opened again.
         """
-        silent = now_s - self._placed_s > silent_s
+        silent = now_s - self._position_s > silent_s
         if self.status is not InstanceStatus.READY:
-            if not silent and self._beats:
+            if not silent and self._heartbeats:
                 self.status = InstanceStatus.READY
-                self._look_at_place()
+                self._check_start()
         elif silent:
             self.status = InstanceStatus.SILENT
             self.note("event.autopilot_lost", {"ended": "", "said": self.why})
-        if self._called_s == math.inf:
-            self._called_s = now_s  # the first time
-        if now_s - max(self._heard_s, self._called_s) > silent_s:
-            self._called_s = now_s
+        if self._reopened_s == math.inf:
+            self._reopened_s = now_s  # the first time
+        if now_s - max(self._heard_s, self._reopened_s) > silent_s:
+            self._reopened_s = now_s
             self.wire.again(f"nothing was heard for {silent_s:g} s")
 
-    def _look_at_place(self) -> None:
+    def _check_start(self) -> None:
         assert self.reports.place is not None
         away = [a - b for a, b in zip(self.reports.place.position_enu_m, self.spec.home_enu_m, strict=True)]
         far_m = math.hypot(*away)
@@ -173,32 +174,34 @@ class Contact:
 
     @property
     def counts(self) -> dict[str, Any]:
-        """What has passed the interlock, what of that found no room on the wire, and what was refused, and why."""
+        """How many frames passed the interlock, how many of them the connection did not accept, and what was refused,
+        and why.
+        """
         refused = [{**why._asdict(), "count": count} for why, count in self.interlock.refused.items()]
         return {"passed": self.interlock.passed, "not_taken": self.lost, "refused": refused}
 
     @property
     def why(self) -> str:
-        """What keeps it from being ready, in words; "" where nothing does."""
+        """What keeps it from being ready, in words; "" if nothing does."""
         if self.wire.trouble:
             return f"{self.wire.address}: {self.wire.trouble}"
-        if self._elsewhere:
+        if self._out_of_range:
             return f"{self.wire.address}: its position is over {REACH_M / 1e3:g} km from the origin; has it a fix?"
-        if self.reports.place is None or not self._beats:
+        if self.reports.place is None or not self._heartbeats:
             others = sorted(self._strangers)
             if others and self._heard_s == -math.inf:
                 ids = ", ".join(map(str, others[:4]))
                 return f"{self.wire.address}: system {ids} was heard, and not {self.spec.system_id}"
-            what = "nothing" if self._heard_s == -math.inf else "no position" if self._beats else "no heartbeat"
+            what = "nothing" if self._heard_s == -math.inf else "no position" if self._heartbeats else "no heartbeat"
             return f"{self.wire.address}: {what} was heard of system {self.spec.system_id}"
         return f"{self.wire.address}: it tells no position any more"
 
     def note(self, kind: str, data: Mapping[str, Any], causes: tuple[FrameId, ...] = ()) -> None:
-        """Keep for the record."""
+        """Keep a note for the record."""
         self.notes.append((kind, data, causes))
 
     def said(self) -> Iterator[Note]:
-        """What is to be noted, once."""
+        """The waiting notes, once."""
         kept, self.notes = self.notes, []
         yield from kept
 

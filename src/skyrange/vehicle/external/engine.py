@@ -1,8 +1,8 @@
-"""Vehicles that the range did not start: real autopilots, or foreign simulations, in a world that only sees them.
+"""Engine of external vehicles: real autopilots, or foreign simulations, in a world that only observes them.
 
-Their reports are their truth, imposed on bodies that go on by their velocity in between. Their bytes are the link
-`autopilot`, and what the range says goes out through the interlock. Nobody's time is held: they fly on the machine's
-clock, and whoever drives the kernel holds it to that.
+Their reports are the truth, imposed on bodies that are extrapolated by velocity in between. Their bytes are the link
+`autopilot`, and what the range sends to them passes the interlock. Their time is not controlled: they run on the
+machine's clock, and whoever drives the kernel paces it to that.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ QUANTUM_NS: Final[Time] = 2_500_000
 class External(EngineBase):
     """An engine (contract: `agent.contracts.WallEngine`). It connects with its first tick.
 
-    `motion` is the command line's word: with the scenario's `allow_motion` it opens the interlock.
+    `motion` comes from the command line: together with the scenario's `allow_motion` it opens the interlock.
     """
 
     service_ns: Time = QUANTUM_NS
@@ -47,7 +47,9 @@ class External(EngineBase):
     def __init__(
         self, name: str, specs: Sequence[VehicleSpec], origin: Origin, options: Options, motion: bool = False
     ) -> None:
-        """Connects nobody yet. Raises `InputError` for vehicles that `options` does not reach, or that are none."""
+        """Connects to no vehicle yet. Raises `InputError` for vehicles without a connection in `options`, and for
+        unknown ones.
+        """
         self.name = name
         self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
         self.moves: Sequence[str] = self.vehicles
@@ -63,17 +65,17 @@ class External(EngineBase):
         ]
         self._truth = Truth(len(specs))
         self._motors = np.zeros((len(specs), MOTORS))
-        """Nobody knows what theirs are told."""
-        self._began: tuple[Time, float] | None = None
-        self._said_open = False
+        """Their motor commands are unknown."""
+        self._started: tuple[Time, float] | None = None
+        self._noted_interlock = False
 
     def __deepcopy__(self, memo: dict[int, Any]) -> External:
-        raise ComponentError(f"engine {self.name}", "what flies outside cannot be copied", "Fork a run of builtins")
+        raise ComponentError(f"engine {self.name}", "external vehicles cannot be copied", "Fork a run of builtins")
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """Where each is, what the interlock was, and once it has flown what that has let pass and refused."""
-        counted = self._began is not None
+        """The address of each vehicle, the state of the interlock, and after a flight what it passed and refused."""
+        counted = self._started is not None
         return {
             "interlock": self._interlock,
             "vehicles": {
@@ -88,24 +90,24 @@ class External(EngineBase):
         return {"state": "open" if scenario and switch else "closed", "scenario": scenario, "command_line": switch}
 
     def why(self, vehicle: str) -> str:
-        """Why a vehicle is not ready, in words; "" where nothing is known to be wrong."""
+        """Why a vehicle is not ready, in words; "" if nothing is known to be wrong."""
         return self._contacts[self.vehicles.index(vehicle)].why
 
     # ---------------------------------------------------------------- a tick
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
-        """Hand over the mail that may leave."""
-        if self._began is None:
-            self._began = tick, wall_s()
+        """Send the frames that the interlock permits."""
+        if self._started is None:
+            self._started = tick, wall_s()
         for arrival in inbox:
             self._contacts[self._places[arrival.port]].tell(arrival)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Take what they have said. Before time 0 it is held to the machine's clock while one is still to come."""
+        """Take in what they sent. Before time 0, it keeps to the machine's clock while a vehicle is still missing."""
         outbox = Outbox()
         if tick < 0 and any(one.status is InstanceStatus.BOOTING for one in self._contacts):
-            assert self._began is not None
-            first, began_s = self._began
+            assert self._started is not None
+            first, began_s = self._started
             rest(began_s + (tick - first) / NS_PER_S - wall_s())
         now_s = wall_s()
         for row, one in enumerate(self._contacts):
@@ -119,20 +121,20 @@ class External(EngineBase):
                 self._truth.tell(row, one.reports.place, one.late_ns)
                 one.late_ns = None
         if tick >= 0:
-            self._tell(outbox)
+            self._write_notes(outbox)
         return Finished(self._motors, outbox, [one.status for one in self._contacts], self._truth.take())
 
-    def _tell(self, outbox: Outbox) -> None:
-        """What is to be noted; before time 0 it waits."""
+    def _write_notes(self, outbox: Outbox) -> None:
+        """Write the waiting notes; before time 0 they wait."""
         for one in self._contacts:
-            if not self._said_open:
+            if not self._noted_interlock:
                 outbox.note("event.interlock", one.spec.vehicle, self._interlock)
             for kind, data, causes in one.said():
                 outbox.note(kind, one.spec.vehicle, data, causes)
-        self._said_open = True
+        self._noted_interlock = True
 
     def close(self) -> None:
-        """Hang up. Again does nothing."""
+        """Close the connections. A second call does nothing."""
         for one in self._contacts:
             one.wire.close()
 

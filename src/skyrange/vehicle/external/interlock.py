@@ -1,16 +1,17 @@
-"""May this frame go out to a vehicle that can hurt somebody? The safety interlock: what is not allowed does not leave.
+"""Safety interlock for external vehicles: frames that could cause motion are not sent unless motion is permitted.
 
-Closed, what only reads or asks for telemetry passes, by a list of what is harmless; open, whatever this one vehicle is
-told. Either way what is no whole frame of the dialect, or is for another system, stays here.
+Closed, it passes only frames that read data or request telemetry, by a list of harmless ones; open, it passes every
+frame to this one vehicle. In both states, anything that is not a whole frame of the dialect, or is addressed to
+another system, is refused.
 
-Three things are less obvious than arming:
+Three rules are less obvious than arming:
 
-- A ground station's HEARTBEAT is held back too: an autopilot takes its end for a lost link, and returns or lands
-  (FS_GCS_ENABLE), and while it comes it hides that the real ground station's has ended.
-- A frame must not carry another one: where a byte is lost on a radio, the receiver looks for the next frame inside what
-  follows. So no place in all that was written may begin a frame that would not have passed by itself.
+- A ground station's HEARTBEAT is refused too: an autopilot takes its end for a lost link, and returns or lands
+  (FS_GCS_ENABLE), and while it is sent it hides that the real ground station's has ended.
+- A frame must not contain another one: if a radio loses a byte, the receiver looks for the next frame inside what
+  follows. So no position in all that was sent may begin a frame that would not have passed by itself.
 - MAVLink 1 makes some autopilots answer in it, signatures are 13 free bytes, and a MAVLink 2 frame may be longer than
-  its definition. None of these is needed to ask.
+  its definition. None of these is needed for a request.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2
 from skyrange.core.errors import DecodeError
 
 MOST_HZ: Final = 50.0
-"""No message may be asked for more often while it is closed: a telemetry radio is shared with who flies it."""
+"""Highest rate at which a message may be requested while closed: the telemetry radio is shared with the vehicle's
+pilot."""
 LONGEST: Final = HEADER_V2 + 255 + CHECKSUM + SIGNATURE
 _AUTOPILOT: Final = (0, int(mav.MAV_COMP_ID_AUTOPILOT1))
 _OTHERS: Final = "for another system"
@@ -49,29 +51,29 @@ COMMANDS: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAV_CMD_REQUEST_PROTOCOL_VERSION: _always,
     mav.MAV_CMD_SET_MESSAGE_INTERVAL: lambda command: _rate(command.param2),
 }
-"""What may be commanded by COMMAND_LONG while it is closed, and with which parameters."""
+"""Commands permitted in COMMAND_LONG while closed, and the condition on their parameters."""
 
 MESSAGES: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION_REQUEST: _always,
-    mav.MAVLINK_MSG_ID_COMMAND_LONG: lambda said: COMMANDS.get(said.command, lambda _: False)(said),
+    mav.MAVLINK_MSG_ID_COMMAND_LONG: lambda decoded: COMMANDS.get(decoded.command, lambda _: False)(decoded),
     mav.MAVLINK_MSG_ID_MISSION_ACK: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _always,
     mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: _always,
     mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: _always,
-    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda said: said.req_message_rate <= MOST_HZ,
+    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda decoded: decoded.req_message_rate <= MOST_HZ,
 }
-"""What may be said to the vehicle while it is closed."""
+"""Messages permitted to the vehicle while closed."""
 UNADDRESSED: Final = frozenset((mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC))
-"""Passes too, to the vehicle or to all."""
+"""Also permitted, to the vehicle or to all."""
 
 
 class Refusal(NamedTuple):
-    """Why a frame stays here; all three are words of our own, of which there are few."""
+    """Why a frame was refused; all three are words of our own, of which there are few."""
 
     message: str
-    """Its name, "unknown" for one outside the dialect, "" for what is no frame."""
+    """Its name, "unknown" for one outside the dialect, "" for anything but a frame."""
     command: str
     why: str
 
@@ -84,28 +86,28 @@ class Interlock:
         self.open = open_
         self.passed = 0
         self.refused: dict[Refusal, int] = {}
-        """How often, by reason."""
-        self._written = b""
-        """The last bytes that left."""
+        """Number of refused frames, by reason."""
+        self._sent = b""
+        """The last bytes that were sent."""
 
     def judge(self, payload: bytes) -> Refusal | None:
-        """Why `payload` must not leave; `None` where it may. What may has left, as far as we are asked again."""
-        refusal = self._by_itself(payload) or self._hidden(payload)
+        """Why `payload` must not be sent; `None` if it may. A permitted payload counts as sent in later checks."""
+        refusal = self._check_alone(payload) or self._check_embedded(payload)
         if refusal is None:
             self.passed += 1
-            self._written = (self._written + payload)[-LONGEST:]
+            self._sent = (self._sent + payload)[-LONGEST:]
         else:
             self.refused[refusal] = self.refused.get(refusal, 0) + 1
         return refusal
 
-    def _by_itself(self, payload: bytes) -> Refusal | None:
+    def _check_alone(self, payload: bytes) -> Refusal | None:
         try:
-            said = decode(payload)
+            decoded = decode(payload)
         except DecodeError:
             return Refusal("", "", "not a whole frame of the dialect")
-        number = int(type(said).id)
-        refusal = Refusal(str(said.get_type()), _command(said), "")
-        targets = _targets(said)
+        number = int(type(decoded).id)
+        refusal = Refusal(str(decoded.get_type()), _command(decoded), "")
+        targets = _targets(decoded)
         if any(target not in (0, self.system_id) for target in targets):
             return refusal._replace(why=_OTHERS)
         if self.open:
@@ -120,36 +122,36 @@ class Interlock:
         if number in UNADDRESSED:
             return None
         if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
-            ours = said.get_srcSystem() == self.system_id and said.get_srcComponent() not in _AUTOPILOT
-            harmless = ours and said.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
+            ours = decoded.get_srcSystem() == self.system_id and decoded.get_srcComponent() not in _AUTOPILOT
+            harmless = ours and decoded.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
             return None if harmless else refusal._replace(why="heartbeats of a ground station arm its failsafe")
         allowed = MESSAGES.get(number)
-        if allowed is None or not allowed(said):
+        if allowed is None or not allowed(decoded):
             return refusal._replace(why=_NOT_ASKING)
-        if targets != [self.system_id] or said.target_component not in _AUTOPILOT:
+        if targets != [self.system_id] or decoded.target_component not in _AUTOPILOT:
             return refusal._replace(why="for another component" if self.system_id in targets else "for all systems")
         return None
 
-    def _hidden(self, payload: bytes) -> Refusal | None:
-        """Whether a receiver that begins anywhere else finds what it should not."""
-        stream, begins = self._written + payload, len(self._written)
+    def _check_embedded(self, payload: bytes) -> Refusal | None:
+        """Whether a receiver that starts at any other byte would find a frame that is not permitted."""
+        stream, begins = self._sent + payload, len(self._sent)
         for at, byte in enumerate(stream):
             if byte not in (MAGIC_V1, MAGIC_V2) or at == begins:
                 continue
             found = Deframer().feed(stream[at:])
-            if found and not found[0].garbage and self._by_itself(found[0].data):
+            if found and not found[0].garbage and self._check_alone(found[0].data):
                 return Refusal(message_name(payload) or "", "", "another frame is hidden in it")
         return None
 
 
-def _targets(said: Message) -> list[int]:
-    """The system that a message is for, if it says one; 0 is all of them."""
-    fields: Any = LAYOUTS[type(said).id].fields
-    return [getattr(said, name) for name, *_ in fields if name in ("target_system", "target")]
+def _targets(decoded: Message) -> list[int]:
+    """The target system of a message, if it has one; 0 is all systems."""
+    fields: Any = LAYOUTS[type(decoded).id].fields
+    return [getattr(decoded, name) for name, *_ in fields if name in ("target_system", "target")]
 
 
-def _command(said: Message) -> str:
-    number = getattr(said, "command", None)
+def _command(decoded: Message) -> str:
+    number = getattr(decoded, "command", None)
     if not isinstance(number, int):
         return ""
     entry = mav.enums["MAV_CMD"].get(number)

@@ -1,4 +1,4 @@
-"""What may a scenario tell of its external vehicles? The table `[autopilots.options.external]`."""
+"""Scenario options of external vehicles: the table `[autopilots.options.external]`."""
 
 from __future__ import annotations
 
@@ -12,29 +12,32 @@ from skyrange.io.wires import FORMS, Address
 
 
 class Options(Params):
-    """Where the external vehicles of a scenario are, and what they may be told."""
+    """Addresses of a scenario's external vehicles, and what may be sent to them."""
 
     connect: dict[str, str] = Field(
         default_factory=dict,
-        description=f"Where each vehicle's MAVLink is, by operator/vehicle: {', '.join(FORMS.values())}.",
+        description=f"MAVLink address of each vehicle, by operator/vehicle: {', '.join(FORMS.values())}.",
     )
     allow_motion: bool = Field(
         default=False,
         strict=True,
-        description="Let arming and motion commands through to them, where the command line says --allow-motion too.",
+        description="Pass arming and motion commands to them, if the command line says --allow-motion too.",
     )
     rate_hz: Number = Field(
-        default=10.0, ge=5, le=50, description="How often each is asked for its position and its attitude, in Hz."
+        default=10.0,
+        ge=5,
+        le=50,
+        description="Rate in Hz at which position and attitude are requested of each vehicle.",
     )
     boot_s: Number = Field(
         default=20.0,
         gt=0,
         le=120,
-        description="Wall seconds before time 0 in which each has to be reached and to tell its position.",
+        description="Wall seconds before time 0 within which each vehicle has to connect and report its position.",
     )
 
     @model_validator(mode="after")
-    def _can_be_reached(self) -> Options:
+    def _check_addresses(self) -> Options:
         faults: list[Fault] = []
         held: dict[Address, str] = {}
         for vehicle, text in self.connect.items():
@@ -51,7 +54,9 @@ class Options(Params):
         return self
 
     def addresses(self, vehicles: Sequence[str]) -> list[Address]:
-        """Where each of `vehicles` is. `InputError` for those that are not told of, and for others that are."""
+        """The address of each of `vehicles`. Raises `InputError` for vehicles without an address, and for unknown
+        ones.
+        """
         known = "autopilots.options.external.connect"
         faults = [
             Fault(f"{known}.{name}", text, "an external vehicle of the scenario", nearest(name, vehicles))
@@ -59,9 +64,7 @@ class Options(Params):
             if name not in vehicles
         ]
         faults += [
-            Fault(
-                known, f"nothing for {vehicle}", "where it is reached", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".'
-            )
+            Fault(known, f"nothing for {vehicle}", "its address", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".')
             for vehicle in vehicles
             if vehicle not in self.connect
         ]

@@ -1,8 +1,8 @@
-"""Where does an external vehicle say that it is? GLOBAL_POSITION_INT and ATTITUDE, in our frames and on our clock.
+"""Position reports of an external vehicle: GLOBAL_POSITION_INT and ATTITUDE, in the range's frames and on its clock.
 
 Position is in 1e-7 degrees (1.1 cm) and millimetres above mean sea level, velocity in cm/s north-east-down, attitude
-and rates of a body that is forward-right-down (https://mavlink.io/en/messages/common.html). Belief of its own
-estimator, with all its errors: there is nothing truer to be had.
+and rates of a body that is forward-right-down (https://mavlink.io/en/messages/common.html). They come from the
+vehicle's own estimator, with all its errors; nothing more accurate is available.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.ardupilot.truth import State
 
 REACH_M: Final = 100_000.0
-"""A position farther from the origin is in another world, or none: an autopilot without a fix says 0° N 0° E."""
+"""A position farther from the origin is invalid: an autopilot without a fix reports 0° N 0° E."""
 LEAK: Final = 1e-3
-"""Of the time that passes: so fast a clock that drifts is followed, and an early report forgotten."""
+"""Share of the elapsed time: at this rate a drifting clock is followed, and an early report is forgotten."""
 _ROOT: Final = math.sqrt(0.5)
 _NO_HEADING: Final = 65_535
 
 
 @dataclass(slots=True)
 class Reports:
-    """What one vehicle has told."""
+    """The reports of one vehicle."""
 
     attitude: tuple[float, float, float] | None = None
     """Roll, pitch, yaw, rad."""
@@ -35,21 +35,21 @@ class Reports:
     """Its clock at the last position."""
     place: State | None = None
     _ahead_s: float = 0.0
-    """Our clock less its own, by the quickest report."""
+    """Our clock minus its own, by the report with the least delay."""
     _at_s: float | None = None
 
     def turned(self, message: Message) -> None:
-        """An ATTITUDE has come. One with what is no number changes nothing."""
+        """Take in an ATTITUDE. One with a value that is not finite is ignored."""
         told = (message.roll, message.pitch, message.yaw, message.rollspeed, message.pitchspeed, message.yawspeed)
         if all(map(math.isfinite, told)) and max(map(abs, told)) < 1e3:
             self.attitude, self.rates = told[:3], told[3:]
 
     def moved(self, message: Message, origin: Origin, now_s: float) -> Time | None:
-        """A GLOBAL_POSITION_INT has come, at `now_s` of the machine's clock: how old it is, in ns; `None` for a place
-        beyond `REACH_M`.
+        """Take in a GLOBAL_POSITION_INT at `now_s` of the machine's clock: its age in ns, `None` for a position beyond
+        `REACH_M`.
 
-        The quickest of the reports is taken to be new, since nobody knows better: what is told is how much longer this
-        one was under way.
+        The report with the least delay is assumed to have none, because nothing better is known: the result is how
+        much longer this one took.
         """
         east_m, north_m = origin.enu_of(message.lat * 1e-7, message.lon * 1e-7)
         up_m = message.alt * 1e-3 - origin.alt_msl_m
