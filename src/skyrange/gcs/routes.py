@@ -26,7 +26,12 @@ MAX_LEGS = 10_000
 """Unrolling stops at this number of legs or jumps; `checks.check` rejects such plans."""
 
 _HOLD_COMMANDS = (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_TIME, mav.MAV_CMD_NAV_SPLINE_WAYPOINT)
-_MOVE_COMMANDS = (*_HOLD_COMMANDS, mav.MAV_CMD_NAV_LOITER_TURNS, mav.MAV_CMD_NAV_LOITER_UNLIM, mav.MAV_CMD_NAV_LOITER_TO_ALT)
+_MOVE_COMMANDS = (
+    *_HOLD_COMMANDS,
+    mav.MAV_CMD_NAV_LOITER_TURNS,
+    mav.MAV_CMD_NAV_LOITER_UNLIM,
+    mav.MAV_CMD_NAV_LOITER_TO_ALT,
+)
 
 
 def legs(plan: FlightPlan) -> tuple[Leg, ...]:
