@@ -119,9 +119,8 @@ class Reader:
         self._beliefs = beliefs
         self._systems = np.array(systems, dtype=np.int64)
         self._component = component
-        self._role = np.zeros(
-            KINDS, dtype=np.int64
-        )  # 0: stored only, 1: for the sequencer, 2: for the sequencer unless it only refreshes
+        # 0: stored only; 1: for the sequencer; 2: for the sequencer unless it only refreshes the belief
+        self._role = np.zeros(KINDS, dtype=np.int64)
         for message_id in read:
             self._role[kind_of(message_id)] = 1
         self._role[[_HEARTBEAT, _POSITION, _CURRENT]] = 2

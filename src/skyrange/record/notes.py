@@ -1,4 +1,4 @@
-"""How do notes and labels become rows, and what came of each aircraft's mission?"""
+"""Rows of notes and labels, and the outcome of each aircraft's mission."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from skyrange.core.time import Time, to_seconds
 from skyrange.record.schema import arrow_schema
 
 OUTCOME = "event.outcome"
-"""The event that closes an aircraft's mission: `state` complete or failed, and a `reason`."""
+"""Kind of the event that ends an aircraft's mission, with `state` (complete or failed) and `reason`."""
 
 UNFINISHED = "unfinished"
 """The state of an aircraft whose outcome was never noted."""
@@ -26,33 +26,33 @@ NoteRow = tuple[Time, str, str, str, str, list[str]]
 
 
 def table_of(kind: str) -> str:
-    """Which table a note belongs to: `decisions` for `decision.…`, else `events`."""
+    """The table of a note: `decisions` for kinds that begin with `decision.`, else `events`."""
     return "decisions" if kind.startswith("decision.") else "events"
 
 
 def note_row(now: Time, source: str, note: Note) -> NoteRow:
-    """The row of a note, its details frozen as they are now; `ComponentError` blames a source of non-scalars."""
-    data = {key: _plain(value) for key, value in note.data.items()}
+    """The row of a note with a copy of its details; `ComponentError` if these are not scalars."""
+    data = {key: _json_scalar(value) for key, value in note.data.items()}
     try:
         text = json.dumps(data, ensure_ascii=False, allow_nan=False)
     except (TypeError, ValueError) as error:
-        problem = f"noted {note.kind} with data {dict(note.data)!r}, which is not of scalars"
-        raise ComponentError(source, problem, "Notes hold str, int, float, bool and None") from error
+        problem = f"noted {note.kind} with data {dict(note.data)!r}, which are not all scalars"
+        raise ComponentError(source, problem, "Details of notes are of type str, int, float, bool or None") from error
     return now, note.kind, note.about, source, text, [str(cause) for cause in note.causes]
 
 
-def _plain(value: Scalar) -> Scalar:
-    """JSON has no infinities and no not-a-number: they become the strings `inf`, `-inf`, `nan`."""
+def _json_scalar(value: Scalar) -> Scalar:
+    """Infinities and not-a-number, which JSON lacks, become the strings `inf`, `-inf` and `nan`."""
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def note_batch(table: str, rows: Sequence[NoteRow]) -> pa.RecordBatch:
-    """Rows of `decisions` or `events`."""
+    """Rows of `decisions` or `events` as a batch."""
     return pa.RecordBatch.from_arrays(_columns(table, rows), schema=arrow_schema(table))
 
 
 def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
-    """Rows of `labels`."""
+    """Rows of `labels` as a batch."""
     rows = [
         (
             label.at_ns,
@@ -74,17 +74,17 @@ def _columns(table: str, rows: Sequence[Sequence[Any]]) -> list[pa.Array]:
 
 
 def outcome(now: Time, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest's entry for an aircraft whose outcome was noted."""
+    """The manifest entry of an aircraft whose outcome was noted."""
     return {"state": data.get("state"), "reason": data.get("reason"), "finished_s": to_seconds(now)}
 
 
 def outcomes(vehicles: Iterable[str], noted: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """An entry for every declared aircraft and for every other that an outcome was noted of."""
+    """One entry for every declared aircraft and for every other aircraft with a noted outcome."""
     unfinished: dict[str, Any] = {"state": UNFINISHED, "reason": "", "finished_s": None}
     return {vehicle: dict(noted.get(vehicle, unfinished)) for vehicle in [*dict.fromkeys([*vehicles, *noted])]}
 
 
 def vehicle_ids(manifest: Mapping[str, Any]) -> list[str]:
-    """The range-wide ids of the manifest's vehicles."""
+    """Range-wide ids of the manifest's vehicles."""
     rows = manifest.get("vehicles") or []
     return [str(row["id"]) if "/" in str(row["id"]) else f"{row.get('operator')}/{row['id']}" for row in rows]

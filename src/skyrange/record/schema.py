@@ -1,7 +1,7 @@
-"""Which columns does a run's record have, of what type, in what unit, meaning what?
+"""Schema of a run's record: the columns of each table with type, unit and meaning.
 
-One table of columns serves the writer, the reader and the documentation; every Parquet file carries the
-unit and meaning of each column as Arrow field metadata.
+The writer, the reader and the documentation use the same definitions. Every Parquet file contains the unit and
+meaning of each column as Arrow field metadata.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from dataclasses import dataclass
 import pyarrow as pa
 
 FORMAT = "skyrange.run/1"
-"""The layout of a run's folder; the number grows when an old reader could no longer read it."""
+"""The format of a run's folder; the number is raised when older readers can no longer read it."""
 
 PAYLOAD_WINDOW = 1 << 16
-"""Payloads are de-duplicated within windows: `payload_id // PAYLOAD_WINDOW` is a payload's window, windows follow
-each other, and a frame's payload lies in the newest window that had begun when the frame was recorded."""
+"""Payloads are de-duplicated within windows: `payload_id // PAYLOAD_WINDOW` is a payload's window, windows are
+consecutive, and a frame's payload lies in the newest window that had begun when the frame was recorded."""
 
 NAME = pa.string()
 """The type of names: dictionary-encoded in the files, plain strings in memory."""
 
 TEXT = pa.large_string()
-"""Placeholder that tells free text from names before `arrow_schema` makes both plain strings."""
+"""Placeholder type that distinguishes free text from names; `arrow_schema` makes both plain strings."""
 
 _TEXTS = pa.list_(pa.string())
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column: `unit` is "" for names and counts; `nullable` says that a row may have no value."""
+    """One column: `unit` is "" for names and counts; a `nullable` column may have rows without a value."""
 
     name: str
     type: pa.DataType
@@ -174,10 +174,10 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("message", NAME, "", "MAVLink message, BAD_DATA for undecodable bytes; then a column per field"),
     ),
 }
-"""Every table's columns. Truth may have more (whatever the world names), telemetry one per MAVLink field seen."""
+"""The columns of every table. Truth may have more, as the world defines; telemetry has one per MAVLink field."""
 
 BAD_DATA = "BAD_DATA"
-"""pymavlink's name for bytes that are no message."""
+"""pymavlink's name for bytes that are not a message."""
 
 _SUFFIXES = (
     ("_radps", "rad/s"),
@@ -197,13 +197,13 @@ _SUFFIXES = (
 
 
 def unit_of(name: str) -> str:
-    """The unit that a column's name ends in, or ""; an index (`motor_radps_2`) may follow it."""
+    """The unit by the suffix of a column's name, or ""; an index may follow the suffix (`motor_radps_2`)."""
     stem = re.sub(r"_?\d+$", "", name)
     return next((unit for suffix, unit in _SUFFIXES if stem.endswith(suffix)), "")
 
 
 def arrow_schema(table: str, columns: Sequence[Column] | None = None) -> pa.Schema:
-    """The Arrow schema of `table` as it is read; `columns` replaces the declared ones where a run has others."""
+    """The Arrow schema of `table` for readers; `columns` replaces the declared columns if a run has others."""
     fields = [
         pa.field(
             column.name,
@@ -217,7 +217,7 @@ def arrow_schema(table: str, columns: Sequence[Column] | None = None) -> pa.Sche
 
 
 def truth_columns(names: Iterable[str]) -> tuple[Column, ...]:
-    """Truth's columns for a world that names its state so, in the world's order."""
+    """The columns of truth for a world whose state variables have these names, in the world's order."""
     declared = {column.name: column for column in TABLES["truth"]}
     return TABLES["truth"][:3] + tuple(
         declared.get(name, Column(name, _F64, unit_of(name), "as the world names it")) for name in names
@@ -225,7 +225,7 @@ def truth_columns(names: Iterable[str]) -> tuple[Column, ...]:
 
 
 def telemetry_columns(fields: Iterable[tuple[str, bool]]) -> tuple[Column, ...]:
-    """Telemetry's columns for MAVLink fields as (name, is text); a field whose name is taken gets a trailing `_`."""
+    """The columns of telemetry for MAVLink fields, given as (name, is text); a name already in use gets a `_`."""
     taken = {column.name for column in TABLES["telemetry"]}
     return TABLES["telemetry"] + tuple(
         Column(
