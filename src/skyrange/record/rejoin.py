@@ -31,7 +31,7 @@ def rejoin(run: Path, out: Path) -> None:
         raise InputError.one("merge", str(run), f"no parts in {PARTS}", "the folder of a live range with parts", hint)
     newest = max(path.stat().st_mtime for part in parts for path in part.rglob("*"))
     if manifest["status"] == RUNNING and time.time() - newest < STILL_S:
-        raise InputError.one("merge", str(run), "still being written", "a range that has ended", "Stop it with Ctrl-C.")
+        raise InputError.one("merge", str(run), "still written to", "a range that has ended", "Stop it with Ctrl-C.")
     header: dict[str, Any] = {key: value for key, value in manifest.items() if key not in _OF_THE_WHOLE}
     why = {"error": manifest.get("error", "the supervisor was killed")}
     merge(parts, out, header, status="failed", extra=why, files=attached(run), **manifest.get("record", {}))
