@@ -15,7 +15,8 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.scenario.catalogue import load
-from skyrange.study.pairing import Pair, pair
+from skyrange.study.pair_folder import Pair
+from skyrange.study.pairing import pair
 from skyrange.study.report import believing
 from skyrange.study.series import Track, belief_tracks, truth_tracks
 

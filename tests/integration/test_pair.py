@@ -17,7 +17,8 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.record import RunRecord, load
 from skyrange.scenario.load import load_text
 from skyrange.study.diff import diff
-from skyrange.study.pairing import Pair, load_pair, pair
+from skyrange.study.pair_folder import Pair, load_pair
+from skyrange.study.pairing import pair
 from skyrange.study.parallel import fly_all
 from tests.hostile_kind import KIND, Homeward, Orders, offered, scenario
 from tests.hostile_kind import make as make_homeward

@@ -17,7 +17,8 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.record import RunRecord
 from skyrange.scenario.load import load_text
-from skyrange.study.pairing import Pair, pair
+from skyrange.study.pair_folder import Pair
+from skyrange.study.pairing import pair
 from skyrange.study.session import fly
 from tests.integration.twin_range import heard, plain
 

@@ -14,7 +14,8 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.scenario.load import load_text
 from skyrange.study.diff import diff
-from skyrange.study.pairing import Pair, pair
+from skyrange.study.pair_folder import Pair
+from skyrange.study.pairing import pair
 from tests.integration.twin_range import FLEET, RID_SPOOFING, before, onset_ns
 
 EARS = FLEET.replace(

@@ -16,7 +16,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.study.effects import COLUMNS, departures, effect_rows, effects_table, measure, ticks_of
-from skyrange.study.pairing import intervals
+from skyrange.study.pair_folder import intervals
 from skyrange.study.separation import approaches, least_to_walls_m
 from skyrange.study.spread import interval, t_quantile
 from skyrange.study.tracing import effects_of, labels_table, trace

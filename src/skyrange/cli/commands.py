@@ -13,7 +13,7 @@ from skyrange.core.errors import InputError, ShortfallError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from skyrange.study.pairing import Pair
+    from skyrange.study.pair_folder import Pair
 
 
 def print_json(data: Any) -> None:
@@ -92,7 +92,7 @@ def pair(
     """`skyrange pair`."""
     from skyrange.cli.progress import together
     from skyrange.scenario.catalogue import load
-    from skyrange.study.pairing import ARMS
+    from skyrange.study.pair_folder import ARMS
     from skyrange.study.pairing import pair as fly_pair
 
     scenario = load(name, changes, seed=seed, buildings=buildings)

@@ -6,13 +6,14 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
 from skyrange.study.marks import marks
+from skyrange.study.pair_folder import Pair
 from skyrange.study.receptions import receptions_of, who_heard_whom
 from skyrange.study.report import believing, chain, effecttable, hearing, words
 from skyrange.study.report.page import asset, ink_rules, sealed
@@ -21,9 +22,6 @@ from skyrange.study.series import Happening, Track, happenings, truth_tracks
 from skyrange.study.subject import Subject, subject_of
 from skyrange.study.svg import Figure
 from skyrange.study.twins import Place, Span, draw_departures, draw_twin_heights, draw_twin_plan
-
-if TYPE_CHECKING:
-    from skyrange.study.pairing import Pair
 
 MOST_DRAWN = 12
 """Aircraft in the charts over time: those that departed most."""
@@ -264,7 +262,7 @@ def _hearing(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -> s
     )
 
 
-_SNIPPET = """from skyrange.study.pairing import load_pair
+_SNIPPET = """from skyrange.study.pair_folder import load_pair
 
 pair = load_pair(<span class="str">"{path}"</span>)
 pair.effects        <span class="rem"># per aircraft, attacked against its twin</span>
