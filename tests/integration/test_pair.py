@@ -87,7 +87,7 @@ def test_the_other_aircraft_is_untouched(made: Pair) -> None:
 
 
 def test_labels_have_every_act_and_what_came_of_it(made: Pair) -> None:
-    rows = made.labels.to_pylist()
+    rows = made.propagation.to_pylist()
     acts = [row for row in rows if row["phase"] in ("onset", "act")]
     recorded = made.run("attacked").table("labels").to_pylist()
     assert [(row["frame"], row["at_ns"], row["attack"], row["link"]) for row in acts] == [
@@ -141,7 +141,7 @@ def test_seeds_make_an_ensemble(tmp_path: Path) -> None:
         found = pair(load_text(scenario(8.0, 12.0)), tmp_path / "out", seeds=2, jobs=2)
     assert found.seeds == [4, 5]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "effects.parquet", "labels.parquet", "pair.json", "report.html", "seed-4", "seed-5",
+        "effects.parquet", "pair.json", "propagation.parquet", "report.html", "seed-4", "seed-5",
     ]  # fmt: skip
     departures = [row["departure_m"] for row in found.effects.to_pylist() if row["vehicle"] == "blue/b1"]
     mean = found.intervals()["blue/b1"]["departure_m"]

@@ -181,7 +181,7 @@ def test_a_replay_is_heard_as_what_was_and_labelled(tmp_path: Path) -> None:
         assert location.timestamp_s is not None
         ages.append((frame.sent_ns / NS_PER_S) - location.timestamp_s % 3600)  # the run starts at a full hour
     assert min(ages) > 7.9, "what is told is 8 s old"
-    labels = made.labels.to_pylist()
+    labels = made.propagation.to_pylist()
     assert {row["phase"] for row in labels} == {"onset", "act", "propagation"}, "nobody avoids, so no effect"
     traced = {row["frame"] for row in labels if row["phase"] == "propagation" and row["kind"] == "frame"}
     assert {frame.id for frame in repeated} <= traced
@@ -204,7 +204,7 @@ def test_a_replay_makes_an_aircraft_avoid_one_that_is_gone(tmp_path: Path) -> No
     first = next(row for row in record.table("decisions").to_pylist() if row["kind"] == "decision.avoid")
     assert first["about"] == B2
     assert {parents[cause] for cause in first["causes"]} <= hostile
-    labels = made.labels.to_pylist()
+    labels = made.propagation.to_pylist()
     traced = [row for row in labels if row["kind"] == "decision.avoid" and row["at_ns"] == first["time_ns"]]
     assert [(row["attack"], row["vehicle"]) for row in traced] == [("parrot", B2)]
     assert [row["vehicle"] for row in labels if row["phase"] == "effect"][:1] == [B2]

@@ -121,11 +121,11 @@ def test_green_turns_away_from_the_ghost_alone(spoofed: Pair) -> None:
 
 
 def test_every_avoidance_leads_back_to_the_attackers_radio_and_on_to_a_change_of_mode(spoofed: Pair) -> None:
-    """Hostile frame → rid_down → decision → command → mode, each step by ids, in the record and in labels.parquet."""
+    """Hostile frame → rid_down → decision → command → mode, by ids, in the record and in propagation.parquet."""
     record = spoofed.run("attacked")
     frames = {f.id: f for f in record.frames_with_payloads()}
     hostile = {row["frame"] for row in record.table("labels").to_pylist()}
-    labels = spoofed.labels.to_pylist()
+    labels = spoofed.propagation.to_pylist()
     told = {(row["kind"], row["at_ns"], row["vehicle"]): row for row in labels if row["phase"] == "propagation"}
     traced = {row["frame"]: row for row in labels if row["kind"] == "frame"}
     avoided = [row for row in record.table("decisions").to_pylist() if row["kind"] == "decision.avoid"]
@@ -178,10 +178,11 @@ def test_every_hostile_frame_has_its_label(twins: Pair) -> None:
     assert len(labelled) == len(set(labelled))
     up = {key for key, f in frames.items() if f.link.startswith("rid_up")}
     assert up <= set(labelled)
-    rows = twins.labels.to_pylist()
+    rows = twins.propagation.to_pylist()
     assert {row["frame"] for row in rows if row["phase"] in ("onset", "act")} == set(labelled)
 
 
 def test_one_command_writes_it_all(spoofed: Pair, tmp_path: Path) -> None:
     names = {path.name for path in spoofed.path.iterdir()}
-    assert names >= {"nominal", "attacked", "sham", "effects.parquet", "labels.parquet", "report.html", "pair.json"}
+    assert names >= {"nominal", "attacked", "sham"}
+    assert names >= {"effects.parquet", "propagation.parquet", "report.html", "pair.json"}

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from skyrange.agent.messages import Note
@@ -16,10 +17,10 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.study.effects import COLUMNS, departures, effect_rows, effects_table, measure, ticks_of
-from skyrange.study.pair_folder import intervals
+from skyrange.study.pair_folder import Pair, intervals
 from skyrange.study.separation import approaches, least_to_walls_m
 from skyrange.study.spread import interval, t_quantile
-from skyrange.study.tracing import effects_of, labels_table, trace
+from skyrange.study.tracing import effects_of, propagation_table, trace
 from tests.unit.record_sample import make_frame
 
 S = NS_PER_S
@@ -212,7 +213,7 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
         ("x", "a/1", 3_500_000_000),
         (None, "a/2", 3_600_000_000),  # of two attacks, and nothing on record leads there
     ]
-    assert labels_table([*rows, *found]).num_rows == 9
+    assert propagation_table([*rows, *found]).num_rows == 9
 
 
 def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:
@@ -228,3 +229,12 @@ def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:
     run = load(tmp_path / "run")
     (found,) = measure(run, ticks_of(run))
     assert (found.distance_m, found.energy_j, found.min_separation_m) == (4.0, None, None)
+
+
+@pytest.mark.parametrize("name", ["propagation.parquet", "labels.parquet"])
+def test_a_pair_is_read_under_the_present_and_the_earlier_name_of_its_table(tmp_path: Path, name: str) -> None:
+    table = propagation_table([])
+    pq.write_table(table, tmp_path / name)
+    found = Pair(tmp_path, {"arms": ["nominal", "attacked"], "seeds": [1]})
+    assert found.propagation.schema.names == table.schema.names
+    assert found.labels.equals(found.propagation)

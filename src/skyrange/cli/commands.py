@@ -148,7 +148,7 @@ def _print_pair(made: Pair) -> None:
                 console.print(f"{row['vehicle']}: {row[f'{what}_twin']} {said} in the twin, {row[what]} attacked")
     if len(made.seeds) > 1:
         _print_intervals(console, made, {row["vehicle"] for row in rows if row["departed_s"] is not None})
-    acts = sum(row["phase"] in ("onset", "act") for row in made.labels.to_pylist())
+    acts = sum(row["phase"] in ("onset", "act") for row in made.propagation.to_pylist())
     console.print(f"{acts:,} hostile acts labelled in {len(made.seeds)} attacked run{'s' * (len(made.seeds) > 1)}")
     console.print(f"pair   {made.path}", soft_wrap=True, markup=False)
     console.print(f"report {made.report}", soft_wrap=True, markup=False)

@@ -1,4 +1,4 @@
-"""Folder of a pair: the manifest, the runs and the tables that `pairing.pair` left, opened for reading."""
+"""Folder of a pair: reader of the manifest, runs and tables that `pairing.pair` writes."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ ARMS: Final = ("nominal", "attacked", "sham")
 
 @dataclass(frozen=True)
 class Pair:
-    """The folder of a pair, opened. `manifest` is its `pair.json`."""
+    """An opened pair folder. `manifest` is its `pair.json`."""
 
     path: Path
     manifest: Mapping[str, Any]
 
     @property
     def seeds(self) -> list[int]:
-        """Of each repetition, in order."""
+        """The seed of each repetition, in order."""
         return list(self.manifest["seeds"])
 
     @property
     def arms(self) -> list[str]:
-        """Which were flown: nominal, attacked, perhaps sham."""
+        """The arms that were run: nominal, attacked and, if requested, sham."""
         return list(self.manifest["arms"])
 
     @property
     def reference(self) -> str:
-        """The arm that effects are against first: sham where there is one, else nominal."""
+        """The arm with which effects are compared by default: sham if it was run, else nominal."""
         return "sham" if "sham" in self.arms else "nominal"
 
     def run(self, arm: str, seed: int | None = None) -> RunRecord:
-        """The record of one arm of one seed, the first by default. `InputError` for one that was not flown."""
+        """The record of one arm and seed (default: the first); raises `InputError` if that was not run."""
         seed = self.seeds[0] if seed is None else seed
         if arm not in self.arms or seed not in self.seeds:
             expected = f"one of {', '.join(self.arms)} with a seed of {', '.join(map(str, self.seeds))}"
@@ -53,26 +53,32 @@ class Pair:
 
     @property
     def effects(self) -> pa.Table:
-        """`effects.parquet`."""
+        """The table of `effects.parquet`."""
         return pq.read_table(self.path / "effects.parquet")
 
     @property
+    def propagation(self) -> pa.Table:
+        """The table of `propagation.parquet`, or of `labels.parquet`, its name in folders of earlier versions."""
+        table = self.path / "propagation.parquet"
+        return pq.read_table(table if table.exists() else self.path / "labels.parquet")
+
+    @property
     def labels(self) -> pa.Table:
-        """`labels.parquet`."""
-        return pq.read_table(self.path / "labels.parquet")
+        """The same as `propagation`, under its earlier name."""
+        return self.propagation
 
     def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
-        """By aircraft and measure, the mean effect over the seeds and its 95 % interval (`study.spread`)."""
+        """By aircraft and measure, the mean effect over the seeds with its 95 % confidence interval."""
         return intervals(self.effects.to_pylist(), against or self.reference)
 
     @property
     def report(self) -> Path:
-        """The comparison page."""
+        """The path of the comparison page."""
         return self.path / "report.html"
 
 
 def load_pair(path: Path | str) -> Pair:
-    """Open a pair's folder. `InputError` where it is none."""
+    """Open a pair's folder; raises `InputError` if it is not one."""
     folder = Path(path).expanduser()
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
@@ -84,12 +90,12 @@ def load_pair(path: Path | str) -> Pair:
 
 
 def folder_of(arm: str, seed: int, seeds: Sequence[int]) -> str:
-    """Where a run lies in its pair's folder."""
+    """The path of a run relative to its pair's folder."""
     return arm if len(seeds) == 1 else f"seed-{seed}/{arm}"
 
 
 def intervals(rows: Sequence[Mapping[str, Any]], against: str) -> dict[str, dict[str, Interval]]:
-    """By aircraft and measure, the mean over seeds of `effects` rows against one twin."""
+    """By aircraft and measure, the mean over seeds with its interval, from `effects` rows against one twin."""
     samples: dict[str, dict[str, list[float]]] = {}
     for row in rows:
         if row["against"] != against:
