@@ -229,7 +229,7 @@ def pair_tables() -> str:
     """The tables of a pair's folder."""
     from skyrange.study import effects, tracing
 
-    return _tables({"effects.parquet": effects.COLUMNS, "labels.parquet": tracing.COLUMNS})
+    return _tables({"effects.parquet": effects.COLUMNS, "propagation.parquet": tracing.COLUMNS})
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:

@@ -34,7 +34,7 @@ def check(plan: FlightPlan, where: str) -> list[Fault]:
     faults = list(_check_numbers(plan, where))
     faults += _check_guided(plan, where) if plan.kind == "guided" else _check_mission(plan, where)
     if not faults and not comes_to_an_end(plan):
-        faults.append(Fault(where, f"more than {MAX_LEGS} legs or jumps", "a mission whose jumps end"))
+        faults.append(Fault(where, f"more than {MAX_LEGS} legs or jumps", "a mission whose jumps come to an end"))
     return faults
 
 
@@ -108,7 +108,7 @@ def _check_jump(at: str, item: MissionItem, count: int) -> Iterator[Fault]:
     if math.isfinite(item.param1) and not 1 <= item.param1 <= count:
         yield Fault(f"{at} param1", f"{item.param1:g}", f"an item from 1 to {count}")
     if math.isfinite(item.param2) and item.param2 < 0.0:
-        yield Fault(f"{at} param2", f"{item.param2:g}", "a number of repeats", "An endless plan never completes.")
+        yield Fault(f"{at} param2", f"{item.param2:g}", "a number of repeats", "A plan without end never completes.")
 
 
 def _check_place(at: str, item: MissionItem) -> Fault | None:

@@ -126,31 +126,33 @@ def departures(ticks: Ticks, twin: Ticks, threshold_m: float = DEPARTED_M) -> tu
 
 
 COLUMNS: Final[tuple[Column, ...]] = (
-    Column("seed", _I64, "", "chance of both runs"),
-    Column("against", NAME, "", "the twin: nominal or sham"),
+    Column("seed", _I64, "", "seed of both runs"),
+    Column("against", NAME, "", "the twin with which it is compared: nominal or sham"),
     Column("vehicle", NAME, "", "operator/vehicle"),
-    Column("outcome", NAME, "", "of the mission in the attacked run: complete, failed or unfinished"),
+    Column("outcome", NAME, "", "outcome of the mission in the attacked run: complete, failed or unfinished"),
     Column("outcome_twin", NAME, "", "the same in the twin"),
     Column("finished_s", _F64, "s", "when the mission ended in the attacked run", True),
     Column("finished_twin_s", _F64, "s", "the same in the twin", True),
-    Column("delay_s", _F64, "s", "arrival delay: attacked minus twin, where both missions are complete", True),
+    Column("delay_s", _F64, "s", "arrival delay: attacked minus twin, if both missions are complete", True),
     Column("distance_m", _F64, "m", "length of the path flown in the attacked run"),
     Column("distance_twin_m", _F64, "m", "the same in the twin"),
     Column("extra_distance_m", _F64, "m", "attacked minus twin"),
-    Column("energy_j", _F64, "J", "drawn from the battery over the whole attacked run", True),
+    Column("energy_j", _F64, "J", "energy drawn from the battery over the whole attacked run", True),
     Column("energy_twin_j", _F64, "J", "the same in the twin", True),
     Column("extra_energy_j", _F64, "J", "attacked minus twin", True),
     Column("min_separation_m", _F64, "m", "least distance to another aircraft in the air, centre to centre", True),
     Column("min_separation_twin_m", _F64, "m", "the same in the twin", True),
-    Column("nearest", NAME, "", "to which aircraft, in the attacked run", True),
-    Column("near_misses", _I64, "", "how often another aircraft came nearer than the limit, in the attacked run"),
+    Column("nearest", NAME, "", "the other aircraft of that least distance, in the attacked run", True),
+    Column(
+        "near_misses", _I64, "", "number of times that another aircraft came nearer than the limit, in the attacked run"
+    ),
     Column("near_misses_twin", _I64, "", "the same in the twin"),
     Column("collisions", _I64, "", "collisions with aircraft and buildings in the attacked run"),
     Column("collisions_twin", _I64, "", "the same in the twin"),
     Column("min_wall_m", _F64, "m", "least distance to a building in the attacked run; null beyond 30 m", True),
     Column("min_wall_twin_m", _F64, "m", "the same in the twin", True),
-    Column("departure_m", _F64, "m", "how far it came at most from where it was in the twin at that moment"),
-    Column("departed_s", _F64, "s", "when that was first more than the threshold; null for never", True),
+    Column("departure_m", _F64, "m", "largest distance from its position in the twin at the same time"),
+    Column("departed_s", _F64, "s", "when that distance first exceeded the threshold; null for never", True),
 )
 """The columns of `effects.parquet`, which has a row per seed, twin and aircraft."""
 
