@@ -227,9 +227,10 @@ def tables() -> str:
 
 def pair_tables() -> str:
     """The tables of a pair's folder."""
-    from skyrange.study import effects, tracing
+    from skyrange.study.effects import COLUMNS as EFFECTS
+    from skyrange.study.tracing import COLUMNS as PROPAGATION
 
-    return _tables({"effects.parquet": effects.COLUMNS, "propagation.parquet": tracing.COLUMNS})
+    return _tables({"effects.parquet": EFFECTS, "propagation.parquet": PROPAGATION})
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:

@@ -25,7 +25,7 @@ class Flight:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class FlightOutcome:
     """How a flight ended: `state` (complete or failed), `reason` of a failure, and when."""
 
     state: str

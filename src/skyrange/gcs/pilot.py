@@ -19,7 +19,7 @@ from skyrange.gcs import scripts
 from skyrange.gcs.belief import Belief, Watch
 from skyrange.gcs.commands import Command, Exchange, result_name
 from skyrange.gcs.filing import Filing
-from skyrange.gcs.flights import Flight, Outcome
+from skyrange.gcs.flights import Flight, FlightOutcome
 from skyrange.gcs.guide import Guide
 from skyrange.gcs.lifecycle import ARMED, CARRYING, OVER, Event, State, after
 from skyrange.gcs.routes import estimated_duration_s
@@ -67,7 +67,7 @@ class Pilot:
     belief: Belief
     packer: Packer
     state: State = State.PLANNED
-    outcome: Outcome | None = None
+    outcome: FlightOutcome | None = None
     due: Time = 0
     intent: str = ""
     link_lost: bool = False
@@ -273,7 +273,7 @@ class Pilot:
         self._drop_commands()
         if self.state is State.LEFT:
             return
-        self.outcome = Outcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
+        self.outcome = FlightOutcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
         reason = self.outcome.reason
         if reason:
             out.note("decision.failed", self.flight.vehicle, {"reason": reason}, causes)

@@ -24,7 +24,7 @@ from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.belief import Belief, Beliefs
-from skyrange.gcs.flights import Flight, Outcome
+from skyrange.gcs.flights import Flight, FlightOutcome
 from skyrange.gcs.lifecycle import OVER, State
 from skyrange.gcs.lookout import Lookout
 from skyrange.gcs.pilot import (
@@ -220,7 +220,7 @@ class GroundStation:
         return {pilot.flight.vehicle: pilot.state for pilot in self._pilots}
 
     @property
-    def outcomes(self) -> Mapping[str, Outcome]:
+    def outcomes(self) -> Mapping[str, FlightOutcome]:
         """Vehicle id → outcome of its flight, for the flights that have ended."""
         return {pilot.flight.vehicle: pilot.outcome for pilot in self._pilots if pilot.outcome is not None}
 

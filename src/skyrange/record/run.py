@@ -151,7 +151,7 @@ def load(path: Path | str) -> RunRecord:
     manifest = read_manifest(folder)
     spooled = manifest["status"] == RUNNING or manifest.get("spooled") is True
     if spooled and not (folder / SPOOL).is_dir():
-        raise InputError.one(str(folder), SPOOL, "missing", "the spool of a run that did not end", "It was removed.")
+        raise InputError.one(str(folder), SPOOL, "missing", "the streams of a run that did not end", "It was removed.")
     return RunRecord(folder, manifest, Tables(folder, spooled))
 
 

@@ -19,7 +19,7 @@ from skyrange.codec.datagrams import Socket
 from skyrange.core.errors import InputError
 from skyrange.core.ids import endpoint, link_name
 from skyrange.record.run import RunRecord
-from skyrange.study.overheard import chosen, in_order, overheard
+from skyrange.study.overheard import chosen, overheard, sort_in_window
 from skyrange.study.series import operators, vehicles
 
 REMOTE_ID: Final = "remote_id.pcapng"
@@ -81,7 +81,7 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
     called |= {socket.address: link.removeprefix("gcs:") for link, socket in aircraft.items()}
 
     def packets() -> Iterator[tuple[str, bytes]]:
-        for frame in in_order(_delivered(record), lambda one: one.at_ns):
+        for frame in sort_in_window(_delivered(record), lambda one: one.at_ns):
             station, vehicle = ends[frame.link], aircraft[frame.link]
             path = (station, vehicle) if frame.direction == "fwd" else (vehicle, station)
             comment = frame.link if frame.sender == frame.src else f"{frame.link}, sent by {frame.sender}"

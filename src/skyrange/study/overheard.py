@@ -25,7 +25,7 @@ T = TypeVar("T")
 _UP: Final = "rid_up:"
 _DOWN: Final = "rid_down:"
 _REPORTS: Final = "oracle:"
-HELD_NS: Final = NS_PER_S
+WINDOW_NS: Final = NS_PER_S
 """Length of the sorting window. An item that is recorded later than this after its time, because a link was that slow,
 is yielded out of order."""
 
@@ -74,7 +74,7 @@ def overheard(record: RunRecord, receivers: Sequence[str] = ()) -> Iterator[Over
     Raises `InputError` immediately for an unknown receiver and for a run without a radio medium.
     """
     wanted = frozenset(chosen(record, receivers))
-    return in_order(_recorded(record, wanted), lambda one: one.frame.header.time_ns)
+    return sort_in_window(_recorded(record, wanted), lambda one: one.frame.header.time_ns)
 
 
 def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[Overheard]:
@@ -96,15 +96,15 @@ def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[Overheard]:
                     yield Overheard(reception.receiver, reception.frame())
 
 
-def in_order(items: Iterable[T], at_ns: Callable[[T], int]) -> Iterator[T]:
-    """Items sorted by time within a window of `HELD_NS`; items of the same time keep their order."""
+def sort_in_window(items: Iterable[T], at_ns: Callable[[T], int]) -> Iterator[T]:
+    """Items sorted by time within a window of `WINDOW_NS`; items of the same time keep their order."""
     waiting: list[tuple[int, int, T]] = []
     newest = 0
     for number, item in enumerate(items):
         at = at_ns(item)
         heappush(waiting, (at, number, item))
         newest = max(newest, at)
-        while waiting[0][0] < newest - HELD_NS:
+        while waiting[0][0] < newest - WINDOW_NS:
             yield heappop(waiting)[2]
     while waiting:
         yield heappop(waiting)[2]

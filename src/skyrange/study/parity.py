@@ -113,7 +113,7 @@ def compare(
     `taps` are placed on the links of both runs. Raises the errors of `session.fly`, and `ValueError` for equal kinds.
     """
     if len(set(autopilots)) < len(autopilots):
-        raise ValueError(f"expected two different kinds of autopilot, got {autopilots[0]} twice")
+        raise ValueError(f"expected two kinds of autopilot that differ, got {autopilots[0]} twice")
     return _run_both({kind: _with_autopilot(scenario, kind) for kind in autopilots}, folder, taps, on_progress)
 
 
@@ -131,7 +131,7 @@ def compare_rates(
     `ValueError`. Raises `InputError` if the scenario's other options do not allow these rates.
     """
     if rates == "full":
-        raise ValueError("expected rates other than full, with which they are compared")
+        raise ValueError("full rates are the reference; expected the rates to compare with them, single or reduced")
     under = _with_autopilot(scenario, "ardupilot")
     return _run_both({each: _with_rates(under, each) for each in ("full", rates)}, folder, taps, on_progress)
 
