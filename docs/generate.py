@@ -228,9 +228,11 @@ def tables() -> str:
 def pair_tables() -> str:
     """The tables of a pair's folder."""
     from skyrange.study.effects import COLUMNS as EFFECTS
+    from skyrange.study.pair_folder import EFFECTS as EFFECTS_FILE
+    from skyrange.study.pair_folder import PROPAGATION as PROPAGATION_FILE
     from skyrange.study.tracing import COLUMNS as PROPAGATION
 
-    return _tables({"effects.parquet": EFFECTS, "propagation.parquet": PROPAGATION})
+    return _tables({EFFECTS_FILE: EFFECTS, PROPAGATION_FILE: PROPAGATION})
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:

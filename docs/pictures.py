@@ -15,7 +15,7 @@ from skyrange.record import RunRecord
 from skyrange.scenario.catalogue import load
 from skyrange.study import figures
 from skyrange.study.pairing import pair
-from skyrange.study.report.comparison import plan_of
+from skyrange.study.report.comparison import draw_pair_plan
 from skyrange.study.session import fly
 
 IMAGES = Path(__file__).parent / "images"
@@ -37,7 +37,7 @@ def main(names: list[str]) -> None:
     for name in names or [*PICTURES, *PAIRS]:
         with tempfile.TemporaryDirectory() as folder:
             if name in PAIRS:
-                print(plan_of(pair(load(name), Path(folder) / "pair")).save(IMAGES / f"{name}.svg"))
+                print(draw_pair_plan(pair(load(name), Path(folder) / "pair")).save(IMAGES / f"{name}.svg"))
                 continue
             record = fly(load(name), Path(folder) / "run", report=False)
             print(PICTURES[name](record).save(IMAGES / f"{name}.svg"))

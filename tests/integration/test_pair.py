@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 from pathlib import Path
@@ -117,7 +118,7 @@ def test_the_folder_opens_again_and_has_its_page(made: Pair) -> None:
     again = load_pair(made.path)
     assert (again.arms, again.seeds, again.reference) == (["nominal", "attacked", "sham"], [4], "sham")
     page = made.report.read_text(encoding="utf-8")
-    assert "default-src &#x27;none&#x27;" in page
+    assert "default-src 'none'" in html.unescape(page)
     assert "<script" not in page
     for words in ("homeward", "From onset to effect", "gcs:blue/b1", "T0855", "in the twin", "Against the sham"):
         assert words in page

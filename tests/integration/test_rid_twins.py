@@ -121,7 +121,7 @@ def test_green_turns_away_from_the_ghost_alone(spoofed: Pair) -> None:
 
 
 def test_every_avoidance_leads_back_to_the_attackers_radio_and_on_to_a_change_of_mode(spoofed: Pair) -> None:
-    """Hostile frame → rid_down → decision → command → mode, by ids, in the record and in propagation.parquet."""
+    """Hostile frame → rid_down → decision → command → mode, each step by ids: record and propagation.parquet."""
     record = spoofed.run("attacked")
     frames = {f.id: f for f in record.frames_with_payloads()}
     hostile = {row["frame"] for row in record.table("labels").to_pylist()}
@@ -184,5 +184,12 @@ def test_every_hostile_frame_has_its_label(twins: Pair) -> None:
 
 def test_one_command_writes_it_all(spoofed: Pair, tmp_path: Path) -> None:
     names = {path.name for path in spoofed.path.iterdir()}
-    assert names >= {"nominal", "attacked", "sham"}
-    assert names >= {"effects.parquet", "propagation.parquet", "report.html", "pair.json"}
+    assert names >= {
+        "nominal",
+        "attacked",
+        "sham",
+        "effects.parquet",
+        "propagation.parquet",
+        "report.html",
+        "pair.json",
+    }

@@ -185,7 +185,7 @@ def test_the_chain_has_a_lane_for_the_attack_and_for_each_aircraft_it_reached() 
 def test_a_flood_of_acts_is_thinned() -> None:
     labels = [row("onset", 0.0, "send", None), *(row("act", 0.001 * k, "send", None) for k in range(5000))]
     drawn = chain.chain(SUBJECT, labels, ["ghost"], [], 10.0)
-    assert drawn.count("<title>") <= chain.MOST_MARKS + 2
+    assert drawn.count("<title>") <= chain.MAX_MARKS + 2
 
 
 def effect(vehicle: str, **more: object) -> dict[str, object]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,9 +18,10 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.study.effects import COLUMNS, departures, effect_rows, effects_table, measure, ticks_of
-from skyrange.study.pair_folder import Pair, intervals
+from skyrange.study.pair_folder import intervals, load_pair
 from skyrange.study.separation import approaches, least_to_walls_m
 from skyrange.study.spread import interval, t_quantile
+from skyrange.study.tracing import COLUMNS as PROPAGATION_COLUMNS
 from skyrange.study.tracing import effects_of, propagation_table, trace
 from tests.unit.record_sample import make_frame
 
@@ -216,6 +218,18 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
     assert propagation_table([*rows, *found]).num_rows == 9
 
 
+@pytest.mark.parametrize(
+    ("layout", "name"), [("skyrange.pair/2", "propagation.parquet"), ("skyrange.pair/1", "labels.parquet")]
+)
+def test_the_folder_of_a_pair_is_read_in_both_layouts(layout: str, name: str, tmp_path: Path) -> None:
+    row = dict.fromkeys(column.name for column in PROPAGATION_COLUMNS) | {
+        "seed": 4, "phase": "onset", "at_ns": S, "attack": "x", "kind": "send", "source": "x.radio"
+    }  # fmt: skip
+    (tmp_path / "pair.json").write_text(json.dumps({"format": layout, "arms": ["nominal", "attacked"], "seeds": [4]}))
+    pq.write_table(propagation_table([row]), tmp_path / name)
+    assert load_pair(tmp_path).propagation.to_pylist() == [row]
+
+
 def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:
     recorder = Recorder.open(tmp_path / "run", {"vehicles": [{"id": "a/1", "operator": "a"}]}, truth_hz=1.0)
     for tick in range(3):
@@ -229,12 +243,3 @@ def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:
     run = load(tmp_path / "run")
     (found,) = measure(run, ticks_of(run))
     assert (found.distance_m, found.energy_j, found.min_separation_m) == (4.0, None, None)
-
-
-@pytest.mark.parametrize("name", ["propagation.parquet", "labels.parquet"])
-def test_a_pair_is_read_under_the_present_and_the_earlier_name_of_its_table(tmp_path: Path, name: str) -> None:
-    table = propagation_table([])
-    pq.write_table(table, tmp_path / name)
-    found = Pair(tmp_path, {"arms": ["nominal", "attacked"], "seeds": [1]})
-    assert found.propagation.schema.names == table.schema.names
-    assert found.labels.equals(found.propagation)

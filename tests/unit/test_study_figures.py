@@ -16,7 +16,7 @@ from skyrange.study import figures
 from skyrange.study.linkstats import link_stats, summed
 from skyrange.study.palette import OKABE_ITO, PAPER, base_colours, contrast, ink, shades
 from skyrange.study.series import belief_tracks, calm_ns, gaps_m, happenings, hostile_acts, truth_tracks
-from skyrange.study.svg import label, path_data, ticks
+from skyrange.study.svg import format_tick, path_data, ticks
 from skyrange.study.thin import kept_rows
 from skyrange.study.waypoints import uploaded
 from tests.unit.study_sample import HOMES, ORIGIN, S, SampleRun, fleet_of, fly, squares
@@ -203,7 +203,7 @@ def test_contrast_matches_the_standards_own_example() -> None:
 
 def test_ticks_are_round_and_inside() -> None:
     assert ticks(-3.2, 17.0, 5) == ([0.0, 5.0, 10.0, 15.0], 5.0)
-    assert [label(v, 0.5) for v in (0.0, 0.5, -1.0)] == ["0", "0.5", "−1.0"]
+    assert [format_tick(v, 0.5) for v in (0.0, 0.5, -1.0)] == ["0", "0.5", "−1.0"]
 
 
 def test_a_path_ends_where_it_should() -> None:

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
 from skyrange.study.deviation import deviations_m
-from skyrange.study.marks import Mark, alarming, by_weight, drawn, marks, said, told_once, undoing
+from skyrange.study.marks import Mark, alarming, by_weight, marks, said, told_once, undoing
 from skyrange.study.series import EMPTY_TRACK, Happening, Track, Vehicle
+from skyrange.study.symbols import draw_mark
 
 S = 1_000_000_000
 TRACK = Track(np.array([0, 10 * S]), np.array([[0.0, 0.0, 0.0], [100.0, 50.0, 20.0]]), np.zeros(2))
@@ -81,11 +84,15 @@ def test_a_failsafe_does_not_cover_a_crash():
     assert [mark.kind for mark in by_weight(found)] == ["failsafe", "breach", "crash", "collision"]
 
 
+def written(mark: Mark, x: float, y: float) -> str:
+    return ElementTree.tostring(draw_mark(mark, x, y), encoding="unicode")
+
+
 def test_a_mark_is_drawn_with_its_words_escaped():
-    svg = drawn(Mark(0, "a/b", "collision", (0.0, 0.0, 0.0), "a/b: <&>"), 12.34, 5.0)
+    svg = written(Mark(0, "a/b", "collision", (0.0, 0.0, 0.0), "a/b: <&>"), 12.34, 5.0)
     assert "translate(12.3 5)" in svg
     assert "&lt;&amp;&gt;" in svg
-    assert drawn(Mark(0, "a/b", "failsafe", (0.0, 0.0, 0.0), ""), 0, 0).count("M0 -7") == 2
+    assert written(Mark(0, "a/b", "failsafe", (0.0, 0.0, 0.0), ""), 0, 0).count("M0 -7") == 2
 
 
 def test_deviation_is_the_distance_from_the_line_through_home_and_waypoints():

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from jinja2 import UndefinedError
 
 from skyrange.study.report import write_report
-from skyrange.study.report.embedded import safe_json
+from skyrange.study.report.rendering import environment
 from tests.unit.study_sample import SampleRun, fleet_of, fly, small_city, squares
 
 VOID = {"meta", "input", "br", "img", "link", "hr"}
@@ -200,13 +201,26 @@ def test_hostile_names_stay_text(tmp_path: Path) -> None:
     data_of(text)
 
 
+def test_templates_escape_what_they_are_given_and_miss_nothing() -> None:
+    given = environment().from_string("<b title='{{ value }}'>{{ value }}</b>").render(value="'><i>")
+    assert given == "<b title='&#39;&gt;&lt;i&gt;'>&#39;&gt;&lt;i&gt;</b>"
+    with pytest.raises(UndefinedError):
+        environment().from_string("{{ nothing }}").render()
+    names = environment().list_templates()
+    assert "run/page.html.jinja" in names
+    for name in names:
+        source, *_ = environment().loader.get_source(environment(), name)  # type: ignore[union-attr]
+        assert not re.search(r"\|\s*safe\b|autoescape", source), name
+
+
 def test_embedded_json_cannot_close_its_element() -> None:
     value = {"a": "</script><!-- & \u2028\u2029", "b": [1, -2.5, None]}
-    text = safe_json(value)
+    element = environment().from_string("{{ value|tojson }}")
+    text = element.render(value=value)
     assert not set("<>&\u2028\u2029") & set(text)
     assert json.loads(text) == value
     with pytest.raises(ValueError):
-        safe_json(float("nan"))
+        element.render(value=float("nan"))
 
 
 def test_a_hundred_aircraft_over_a_city_stay_under_five_megabytes(tmp_path: Path) -> None:
@@ -224,15 +238,15 @@ def test_a_hundred_aircraft_over_a_city_stay_under_five_megabytes(tmp_path: Path
 
 
 def test_what_is_left_out_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.study.report.embedded.TRUTH_POINTS", 50)
-    monkeypatch.setattr("skyrange.study.report.embedded.CITY_VERTICES", 10)
+    monkeypatch.setattr("skyrange.study.report.embedded.MAX_TRUTH_POINTS", 50)
+    monkeypatch.setattr("skyrange.study.report.embedded.MAX_CITY_VERTICES", 10)
     page = Page(written(squares(tmp_path), tmp_path))
     assert "of 6 buildings" in page.text
     assert "samples of tracks" in page.text
 
 
 def test_long_tables_are_cut_and_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.study.report.timeline.MOST_ROWS", 7)
+    monkeypatch.setattr("skyrange.study.report.timeline.MAX_ROWS", 7)
     page = Page(written(squares(tmp_path), tmp_path))
     assert "The first 7 of 60" in page.text
     assert sum("data-t" in attrs for _, attrs in page.elements) == 14  # events and decisions

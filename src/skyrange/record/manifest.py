@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import Fault, InputError
+from skyrange.core.files import atomic_write
 from skyrange.record.schema import FORMAT
 
 MANIFEST = "manifest.json"
@@ -60,18 +60,10 @@ def here() -> dict[str, Any]:
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Replace the manifest atomically, by renaming a complete new file; after an `OSError` the old one is unchanged."""
+    """Replace the manifest atomically; after an `OSError` the old one is unchanged."""
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    new = folder / f"{MANIFEST}.new"
-    try:
-        with new.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(folder / MANIFEST)
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
+    with atomic_write(folder / MANIFEST) as file:
+        file.write(text.encode())
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.frames import Fate
 from skyrange.core.errors import InputError
+from skyrange.core.files import DRAFT
 from skyrange.core.time import NEVER, Time
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
@@ -36,7 +37,7 @@ KEPT, HANDED, INCOMING = 0, 1, 2
 _TIMES = {name: ["at_ns", "until_ns"] if name == "labels" else ["time_ns"] for name in TABLES} | {
     "frames": ["sent_ns", "arrived_ns"]
 }
-_OWN = {MANIFEST, f"{MANIFEST}.new", SPOOL, PARTS, "operators"}
+_OWN = {MANIFEST, f"{MANIFEST}{DRAFT}", SPOOL, PARTS, "operators"}
 
 Flow = tuple[str, str, str]
 """Link, direction and sender: each flow numbers its frames separately."""

@@ -1,18 +1,20 @@
-"""How are trajectories drawn in a box of axes? A parallel projection with grid, ticks, buildings and shadows."""
+"""Trajectories in a box of axes: a parallel projection with grid, ticks, buildings and shadows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study import svg
-from skyrange.study.marks import Mark, by_weight, drawn
+from skyrange.study.marks import Mark, by_weight
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.subject import Subject
+from skyrange.study.symbols import draw_mark
 from skyrange.study.thin import kept_rows
 
 Floats = NDArray[np.float64]
@@ -24,21 +26,21 @@ _AZIMUTH = math.radians(-60.0)
 _ELEVATION = math.radians(26.0)
 
 
-def box(
+def draw_box(
     subject: Subject,
     own: Sequence[Vehicle],
     tracks: Mapping[str, Track],
     width: float,
     height: float,
     marks: Sequence[Mark] = (),
-) -> str:
+) -> list[Element]:
     """SVG elements that fill a panel of `width` × `height` pixels with the paths of `own` and their axes, metres.
 
     Up is stretched where the paths are flat, and the panel says by how much.
     """
     paths = [tracks[vehicle.id].enu_m for vehicle in own]
     if not any(len(path) for path in paths):
-        return svg.text(width / 2, height / 2, "nothing was received", extra='opacity=".6"')
+        return [svg.label(width / 2, height / 2, "nothing was received", extra={"opacity": ".6"})]
     everything = np.concatenate([path for path in paths if len(path)])
     low, high = everything.min(axis=0), everything.max(axis=0)
     low[2] = min(low[2], 0.0)
@@ -48,20 +50,20 @@ def box(
     high[2] = low[2] + max((high[2] - low[2]) * 1.1, 2.0)
     rise = max((high[2] - low[2]) / (2 * half), 0.42) * 2 * half / (high[2] - low[2])
     project = _projector(low, high, rise, width, height)
-    parts = [_frame(low, high, project)]
+    parts = _frame(low, high, project)
     parts.extend(_buildings(subject.city, low, high, project))
-    budget = max(60, svg.POINTS // max(len(subject.fleet), 1))
+    budget = max(60, svg.MAX_POINTS // max(len(subject.fleet), 1))
     for vehicle in own:
         track = tracks[vehicle.id]
         rows = kept_rows(track.time_ns, track.enu_m, budget, 0.002 * half)
         shadow = track.enu_m[rows].copy()
         shadow[:, 2] = low[2]
-        parts.append(subject.line(vehicle, project(shadow), "0.22", "1.2"))
-        parts.append(subject.line(vehicle, project(track.enu_m[rows])))
-    parts += [drawn(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
+        parts += subject.draw_line(vehicle, project(shadow), "0.22", "1.2")
+        parts += subject.draw_line(vehicle, project(track.enu_m[rows]))
+    parts += [draw_mark(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
     if rise > 1.05:
-        parts.append(svg.text(width - 12, height - 8, f"up drawn ×{rise:.1f}", "end", 10, 'opacity=".6"'))
-    return "".join(parts)
+        parts.append(svg.label(width - 12, height - 8, f"up drawn ×{rise:.1f}", "end", 10, {"opacity": ".6"}))
+    return parts
 
 
 def _projector(low: Floats, high: Floats, rise: float, width: float, height: float) -> Any:
@@ -80,12 +82,12 @@ def _projector(low: Floats, high: Floats, rise: float, width: float, height: flo
     return project
 
 
-def _frame(low: Floats, high: Floats, project: Any) -> str:
+def _frame(low: Floats, high: Floats, project: Any) -> list[Element]:
     """Floor and the two far walls with grid lines, ticks and axis names.
 
     Seen from azimuth −60° the far walls are at least east and greatest north.
     """
-    parts = []
+    parts: list[Element] = []
     (e_ticks, e_step), (n_ticks, n_step), (u_ticks, u_step) = (
         svg.ticks(low[0], high[0], 5),
         svg.ticks(low[1], high[1], 5),
@@ -93,11 +95,11 @@ def _frame(low: Floats, high: Floats, project: Any) -> str:
     )
 
     def line(*points: tuple[float, float, float]) -> None:
-        parts.append(f'<path d="{svg.path_data(project(np.array(points)))}" {svg.GRID}/>')
+        parts.append(svg.element("path", {"d": svg.path_data(project(np.array(points))), **svg.GRID}))
 
-    def words(point: tuple[float, float, float], dx: float, dy: float, say: str, anchor: str, extra: str = "") -> None:
+    def words(point: tuple[float, float, float], dx: float, dy: float, say: str, anchor: str, faint: bool) -> None:
         x, y = project(np.array([point]))[0]
-        parts.append(svg.text(x + dx, y + dy, say, anchor, 10.5, extra))
+        parts.append(svg.label(x + dx, y + dy, say, anchor, 10.5, {"opacity": ".7"} if faint else None))
 
     line((low[0], low[1], low[2]), (high[0], low[1], low[2]), (high[0], high[1], low[2]), (high[0], high[1], high[2]))
     line((low[0], low[1], low[2]), (low[0], low[1], high[2]), (low[0], high[1], high[2]), (high[0], high[1], high[2]))
@@ -105,21 +107,21 @@ def _frame(low: Floats, high: Floats, project: Any) -> str:
     line((low[0], high[1], low[2]), (low[0], high[1], high[2]))
     for e in e_ticks:
         line((e, low[1], low[2]), (e, high[1], low[2]), (e, high[1], high[2]))
-        words((e, low[1], low[2]), -3, 14, svg.label(e, e_step), "middle")
+        words((e, low[1], low[2]), -3, 14, svg.format_tick(e, e_step), "middle", False)
     for n in n_ticks:
         line((high[0], n, low[2]), (low[0], n, low[2]), (low[0], n, high[2]))
-        words((high[0], n, low[2]), 7, 9, svg.label(n, n_step), "start")
+        words((high[0], n, low[2]), 7, 9, svg.format_tick(n, n_step), "start", False)
     for u in u_ticks:
         line((low[0], low[1], u), (low[0], high[1], u), (high[0], high[1], u))
-        words((low[0], low[1], u), -7, 4, svg.label(u, u_step), "end")
+        words((low[0], low[1], u), -7, 4, svg.format_tick(u, u_step), "end", False)
     middle = 0.5 * (low + high)
-    words((middle[0], low[1], low[2]), -22, 32, "east, m", "middle", 'opacity=".7"')
-    words((high[0], middle[1], low[2]), 34, 24, "north, m", "start", 'opacity=".7"')
-    words((low[0], low[1], high[2]), -7, -10, "up, m", "middle", 'opacity=".7"')
-    return "".join(parts)
+    words((middle[0], low[1], low[2]), -22, 32, "east, m", "middle", True)
+    words((high[0], middle[1], low[2]), 34, 24, "north, m", "start", True)
+    words((low[0], low[1], high[2]), -7, -10, "up, m", "middle", True)
+    return parts
 
 
-def _buildings(city: Sequence[Mapping[str, Any]], low: Floats, high: Floats, project: Any) -> list[str]:
+def _buildings(city: Sequence[Mapping[str, Any]], low: Floats, high: Floats, project: Any) -> list[Element]:
     """Extruded buildings whose centre lies in the box, far ones first."""
     centre = 0.5 * (low + high)
     inside = []
@@ -133,10 +135,11 @@ def _buildings(city: Sequence[Mapping[str, Any]], low: Floats, high: Floats, pro
     inside.sort(key=lambda row: row[0])
     view = np.array([math.cos(_AZIMUTH), math.sin(_AZIMUTH)])
     near = sorted(inside[:MAX_BUILDINGS], key=lambda row: float(row[1] @ view))
-    return [_block(ring, min(tall, high[2]), low[2], project, view) for _, _, ring, tall in near]
+    blocks = [_block(ring, min(tall, high[2]), low[2], project, view) for _, _, ring, tall in near]
+    return [part for block in blocks for part in block]
 
 
-def _block(ring: Floats, tall: float, ground: float, project: Any, view: Floats) -> str:
+def _block(ring: Floats, tall: float, ground: float, project: Any, view: Floats) -> list[Element]:
     """One building: the walls that face the viewer, then the roof."""
     walls = []
     area = float((ring[:, 0] * np.roll(ring[:, 1], -1) - np.roll(ring[:, 0], -1) * ring[:, 1]).sum())
@@ -146,7 +149,7 @@ def _block(ring: Floats, tall: float, ground: float, project: Any, view: Floats)
             corners = np.array([[*start, ground], [*end, ground], [*end, tall], [*start, tall]])
             walls.append(svg.path_data(project(corners), close=True))
     roof = svg.path_data(project(np.column_stack([ring, np.full(len(ring), tall)])), close=True)
-    return (
-        f'<path class="wall" d="{"".join(walls)}" fill="#8d98a8" fill-opacity=".5"/>'
-        f'<path class="roof" d="{roof}" fill="#c3cbd6" fill-opacity=".6" stroke="#6d7887" stroke-width=".5"/>'
-    )
+    wall = {"class": "wall", "d": "".join(walls), "fill": "#8d98a8", "fill-opacity": ".5"}
+    top = {"class": "roof", "d": roof, "fill": "#c3cbd6", "fill-opacity": ".6"}
+    edge = {"stroke": "#6d7887", "stroke-width": ".5"}
+    return [svg.element("path", wall), svg.element("path", {**top, **edge})]

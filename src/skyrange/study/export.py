@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import pyarrow.compute as pc
 
 from skyrange.codec import datagrams, pcapng, rid_capture
 from skyrange.codec.datagrams import Socket
 from skyrange.core.errors import InputError
+from skyrange.core.files import atomic_write
 from skyrange.core.ids import endpoint, link_name
 from skyrange.record.run import RunRecord
 from skyrange.study.overheard import chosen, overheard, sort_in_window
@@ -117,21 +118,11 @@ def _start_utc_ns(record: RunRecord) -> int:
 
 
 def _write(path: Path, head: bytes, packets: Iterator[tuple[str, bytes]], keys: Sequence[str]) -> Capture:
-    """Write a temporary file beside `path` and rename it when it is complete."""
+    """Write packets to `path`, and count those of each of `keys`."""
     counts = Counter(dict.fromkeys(keys, 0))
-    draft = path.with_name(path.name + ".part")
-    try:
-        with draft.open("wb") as file:
-            _write_packets(file, head, packets, counts)
-        draft.replace(path)
-    except BaseException:  # also an interrupt: the file may be large
-        draft.unlink(missing_ok=True)
-        raise
+    with atomic_write(path) as file:
+        file.write(head)
+        for key, packet in packets:
+            counts[key] += 1
+            file.write(packet)
     return Capture(path, counts.total(), dict(counts))
-
-
-def _write_packets(file: BinaryIO, head: bytes, packets: Iterator[tuple[str, bytes]], counts: Counter[str]) -> None:
-    file.write(head)
-    for key, packet in packets:
-        counts[key] += 1
-        file.write(packet)

@@ -1,4 +1,4 @@
-"""What did the run look like? Drawings as SVG: trajectories in space, the plan from above, what changed over time.
+"""Figures of a run as SVG: trajectories in space, the plan from above, heights and deviations over time.
 
 Each function takes a run's record and returns a `Figure`, which a notebook shows and `save` writes. Drawings hold no
 script and fetch nothing. Elements of the aircraft number k in the manifest carry the class `ink-k`, so a page can
@@ -9,21 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any, Literal
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study import svg
-from skyrange.study.boxes import box
-from skyrange.study.chart import over_time
+from skyrange.study.boxes import draw_box
+from skyrange.study.chart import draw_chart
 from skyrange.study.deviation import deviations_m
-from skyrange.study.ground import ground_of
-from skyrange.study.marks import Mark, by_weight, drawn, marks_of
+from skyrange.study.ground import fit_map
+from skyrange.study.marks import Mark, by_weight, marks_of
 from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
 from skyrange.study.subject import Subject, subject_of
-from skyrange.study.svg import Figure, number
+from skyrange.study.svg import Figure, format_number
+from skyrange.study.symbols import draw_mark
 from skyrange.study.thin import kept_rows
 from skyrange.study.waypoints import uploaded
 
@@ -79,19 +80,20 @@ def draw_boxes(
     body = []
     for place, operator in enumerate(chosen):
         own = [vehicle for vehicle in subject.fleet if vehicle.operator == operator]
-        body.append(f'<g transform="translate({number(place % columns * width)} {number(place // columns * height)})">')
+        parts = draw_box(subject, own, tracks, width, height)
         if titled:
             heading = f"{operator} — as its ground station saw it" if source == "belief" else f"{operator} — truth"
-            body.append(svg.text(width / 2, 20, heading, size=14, extra='font-weight="600"'))
-        body.append(box(subject, own, tracks, width, height) + "</g>")
+            parts.insert(0, svg.label(width / 2, 20, heading, size=14, extra=svg.BOLD))
+        x, y = format_number(place % columns * width), format_number(place // columns * height)
+        body.append(svg.element("g", {"transform": f"translate({x} {y})"}, *parts))
     title = f"Trajectories of {', '.join(chosen) or 'nobody'} in {subject.name} ({source})"
-    return Figure(svg.document(columns * width, max(1, math.ceil(len(chosen) / columns)) * height, title, body), title)
+    return svg.document(columns * width, max(1, math.ceil(len(chosen) / columns)) * height, title, body)
 
 
 def draw_overview(subject: Subject, tracks: Mapping[str, Track], marks: Sequence[Mark] = ()) -> Figure:
     """`overview` of tracks that are at hand."""
     title = f"All trajectories of {subject.name}"
-    return Figure(svg.document(900, 520, title, [box(subject, subject.fleet, tracks, 900, 520, marks)]), title)
+    return svg.document(900, 520, title, draw_box(subject, subject.fleet, tracks, 900, 520, marks))
 
 
 def draw_plan(
@@ -103,25 +105,23 @@ def draw_plan(
 ) -> Figure:
     """`plan_view` of tracks that are at hand."""
     homes = [np.array([vehicle.home_enu_m]) for vehicle in subject.fleet if vehicle.home_enu_m is not None]
-    ground = ground_of([*(t.enu_m for t in tracks.values()), *homes, *waypoints.values()], subject.city, width)
-    pixels = ground.pixels
-    body = [ground.buildings()]
-    body.extend(
-        _plan_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
-        for vehicle in subject.fleet
-    )
-    body += [drawn(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
-    body.append(ground.legend())
+    base = fit_map([*(t.enu_m for t in tracks.values()), *homes, *waypoints.values()], subject.city, width)
+    pixels = base.pixels
+    body = [base.draw_buildings()]
+    for vehicle in subject.fleet:
+        body += _draw_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
+    body += [draw_mark(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
+    body += base.draw_legend()
     title = f"Plan view of {subject.name}"
     words = f"{len(subject.fleet)} aircraft; north is up"
-    return Figure(svg.document(ground.width, ground.height, title, body, words), title)
+    return svg.document(base.width, base.height, title, body, words)
 
 
 def draw_altitude(subject: Subject, tracks: Mapping[str, Track], width: float = 760.0, height: float = 300.0) -> Figure:
     """`altitude` of tracks that are at hand."""
     lines = {name: (track.time_ns, track.enu_m[:, 2]) for name, track in tracks.items()}
     title = f"Altitude over time in {subject.name}"
-    return over_time(subject, lines, "height above the origin, m", title, width, height)
+    return draw_chart(subject, lines, "height above the origin, m", title, width, height)
 
 
 def track_deviation(record: Record, width: float = 760.0, height: float = 300.0) -> Figure:
@@ -133,24 +133,28 @@ def track_deviation(record: Record, width: float = 760.0, height: float = 300.0)
     subject = subject_of(record)
     lines = deviations_m(subject.fleet, truth_tracks(record), uploaded(record))
     title = f"Distance from the planned track in {subject.name}"
-    return over_time(subject, lines, "metres beside the planned track", title, width, height)
+    return draw_chart(subject, lines, "metres beside the planned track", title, width, height)
 
 
-def _plan_vehicle(subject: Subject, vehicle: Vehicle, track: Track, waypoints: Floats | None, pixels: Any) -> str:
+def _draw_vehicle(
+    subject: Subject, vehicle: Vehicle, track: Track, waypoints: Floats | None, pixels: Any
+) -> list[Element]:
     """The path, waypoints and home of one aircraft."""
-    index, colour = subject.index(vehicle), subject.inks[vehicle.id].light
-    rows = kept_rows(track.time_ns, track.enu_m[:, :2], max(60, svg.POINTS // len(subject.fleet)), 0.02)
-    parts = [subject.line(vehicle, pixels(track.enu_m[rows]))]
+    rows = kept_rows(track.time_ns, track.enu_m[:, :2], max(60, svg.MAX_POINTS // len(subject.fleet)), 0.02)
+    parts = subject.draw_line(vehicle, pixels(track.enu_m[rows]))
     for x, y in pixels(waypoints).tolist() if waypoints is not None and len(waypoints) else []:
         diamond = np.array([[x, y - 4], [x + 4, y], [x, y + 4], [x - 4, y]])
-        parts.append(subject.line(vehicle, diamond, weight="1.2", close=True))
+        parts += subject.draw_line(vehicle, diamond, weight="1.2", close=True)
     if vehicle.home_enu_m is not None:
         x, y = pixels(np.array([vehicle.home_enu_m]))[0]
-        parts.append(
-            f'<g class="home ink-{index}" fill="{colour}"><circle cx="{number(x)}" cy="{number(y)}" r="4.5"/>'
-            f'<circle cx="{number(x)}" cy="{number(y)}" r="1.8" fill="#fff"/>'
-            f"<title>{escape(vehicle.id)}: home</title></g>"
+        home = svg.element(
+            "g",
+            {"class": f"home ink-{subject.index(vehicle)}", "fill": subject.inks[vehicle.id].light},
+            svg.element("circle", {"cx": x, "cy": y, "r": 4.5}),
+            svg.element("circle", {"cx": x, "cy": y, "r": 1.8, "fill": "#fff"}),
+            svg.title(f"{vehicle.id}: home"),
         )
+        parts.append(home)
         if len(subject.fleet) <= 40:  # more names would only cover each other
-            parts.append(svg.text(x + 8, y + 13, vehicle.short, "start", 10.5, 'opacity=".8"'))
-    return "".join(parts)
+            parts.append(svg.label(x + 8, y + 13, vehicle.short, "start", 10.5, {"opacity": ".8"}))
+    return parts

@@ -1,16 +1,17 @@
-"""What lies under the paths, seen from above? A map's extent and scale, the buildings, a scale bar and north."""
+"""Map below the paths, seen from above: extent and scale, buildings, a scale bar and an arrow to the north."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study import svg
-from skyrange.study.svg import number
+from skyrange.study.svg import format_number
 
 Floats = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ _STOREYS_M = 12.0
 
 
 @dataclass(frozen=True, slots=True)
-class Ground:
+class BaseMap:
     """A map of `width` × `height` pixels, north up: `scale` pixels a metre, `corner_m` what its upper left shows."""
 
     city: Sequence[Mapping[str, Any]]
@@ -34,24 +35,23 @@ class Ground:
             [(enu_m[:, 0] - self.corner_m[0]) * self.scale, (self.corner_m[1] - enu_m[:, 1]) * self.scale], axis=1
         )
 
-    def buildings(self) -> str:
+    def draw_buildings(self) -> Element:
         """The buildings that it shows."""
-        drawn = _footprints(self.city, self.pixels, self.width, self.height)
-        return f'<g class="plan-buildings">{drawn}</g>'
+        footprints = _footprints(self.city, self.pixels, self.width, self.height)
+        return svg.element("g", {"class": "plan-buildings"}, *footprints)
 
-    def legend(self) -> str:
+    def draw_legend(self) -> list[Element]:
         """A scale bar and an arrow to the north."""
-        return _scale_bar(self.scale, self.width, self.height) + (
-            f'<g transform="translate({number(self.width - 28)} 30)">'
-            '<path d="M0 -18L7 8L0 3L-7 8z" fill="currentColor"/>'
-            + svg.text(0, 22, "N", size=12, extra='font-weight="600"')
-            + "</g>"
-        )
+        arrow = svg.element("path", {"d": "M0 -18L7 8L0 3L-7 8z", "fill": "currentColor"})
+        letter = svg.label(0, 22, "N", size=12, extra=svg.BOLD)
+        place = f"translate({format_number(self.width - 28)} 30)"
+        bar = _scale_bar(self.scale, self.width, self.height)
+        return [bar, svg.element("g", {"transform": place}, arrow, letter)]
 
 
-def ground_of(
+def fit_map(
     places: Sequence[Floats], city: Sequence[Mapping[str, Any]], width: float, least_m: float = 10.0
-) -> Ground:
+) -> BaseMap:
     """The map that shows all of `places`, (n, 3) metres each, with a margin, and at least `least_m` each way."""
     solid = [rows for rows in places if len(rows)]
     low = np.min([rows.min(axis=0) for rows in solid], axis=0)[:2] if solid else np.full(2, -5.0)
@@ -61,12 +61,12 @@ def ground_of(
     span[1] = max(span[1], span[0] * 0.5)
     span[0] = max(span[0], span[1] * 0.9)
     scale = width / float(span[0])
-    return Ground(city, 0.5 * (low + high) + np.array([-0.5, 0.5]) * span, scale, width, float(span[1]) * scale)
+    return BaseMap(city, 0.5 * (low + high) + np.array([-0.5, 0.5]) * span, scale, width, float(span[1]) * scale)
 
 
 def _footprints(
     city: Sequence[Mapping[str, Any]], pixels: Callable[[Floats], Floats], width: float, height: float
-) -> str:
+) -> list[Element]:
     """Outlines that touch the picture, in eight classes of height so that each class is one path."""
     classes: dict[int, list[str]] = {}
     for building in city:
@@ -75,11 +75,12 @@ def _footprints(
             continue
         level = int(np.clip(float(building.get("height_m") or 0.0) // _STOREYS_M, 0, 7))
         classes.setdefault(level, []).append("".join(svg.path_data(ring, close=True) for ring in rings))
-    return "".join(
-        f'<path d="{"".join(classes[level])}" fill="currentColor" fill-opacity="{0.07 + 0.035 * level:.3f}" '
-        'fill-rule="evenodd" stroke="currentColor" stroke-opacity=".28" stroke-width=".7"/>'
+    edge = {"fill-rule": "evenodd", "stroke": "currentColor", "stroke-opacity": ".28", "stroke-width": ".7"}
+    outlines = [
+        {"d": "".join(classes[level]), "fill": "currentColor", "fill-opacity": f"{0.07 + 0.035 * level:.3f}"}
         for level in sorted(classes)
-    )
+    ]
+    return [svg.element("path", {**outline, **edge}) for outline in outlines]
 
 
 def _touches(points: Floats, width: float, height: float) -> bool:
@@ -87,13 +88,10 @@ def _touches(points: Floats, width: float, height: float) -> bool:
     return bool(high[0] > 0 and high[1] > 0 and low[0] < width and low[1] < height)
 
 
-def _scale_bar(scale: float, width: float, height: float) -> str:
-    metres = svg.nice_step(width / scale, 5)
+def _scale_bar(scale: float, width: float, height: float) -> Element:
+    metres = svg.round_step(width / scale, 5)
     length = metres * scale
-    y = height - 16
-    return (
-        f'<g class="scale-bar"><path d="M16 {number(y - 5)}V{number(y)}H{number(16 + length)}V{number(y - 5)}" '
-        f'fill="none" stroke="currentColor" stroke-width="1.4"/>'
-        + svg.text(16 + length / 2, y - 6, f"{svg.label(metres, metres)} m")
-        + "</g>"
-    )
+    y, top, right = (format_number(value) for value in (height - 16, height - 21, 16 + length))
+    line = {"d": f"M16 {top}V{y}H{right}V{top}", "fill": "none", "stroke": "currentColor", "stroke-width": "1.4"}
+    words = svg.label(16 + length / 2, height - 22, f"{svg.format_tick(metres, metres)} m")
+    return svg.element("g", {"class": "scale-bar"}, svg.element("path", line), words)

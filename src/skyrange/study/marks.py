@@ -1,16 +1,14 @@
-"""What went wrong, where and when? Collisions, crashes, breaches and failsafes as marks for timeline and map."""
+"""Mishaps of a run: collisions, crashes, breaches and failsafes, as marks for timeline and map."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
 from skyrange.study.series import Happening, Record, Track, happenings, truth_tracks
-from skyrange.study.svg import number
 
 _KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
 _VIOLENT = frozenset({"collision", "crash"})
@@ -27,6 +25,11 @@ class Mark:
     kind: str
     enu_m: tuple[float, float, float]
     words: str
+
+    @property
+    def violent(self) -> bool:
+        """Whether it is a collision or a crash."""
+        return self.kind in _VIOLENT
 
 
 def alarming(row: Happening) -> str:
@@ -93,19 +96,7 @@ def _what(row: Happening) -> str:
 
 def by_weight(found: Iterable[Mark]) -> list[Mark]:
     """In the order to draw them, so that a failsafe after a crash does not cover the crash."""
-    return sorted(found, key=lambda mark: mark.kind in _VIOLENT)
-
-
-def drawn(mark: Mark, x: float, y: float) -> str:
-    """SVG at a pixel: a cross for a collision or crash, a triangle for what turned an aircraft around."""
-    violent = mark.kind in _VIOLENT
-    shape = "M-6 -6L6 6M6 -6L-6 6" if violent else "M0 -7L7 5H-7z"
-    return (
-        f'<g class="mishap" transform="translate({number(x)} {number(y)})">'
-        f'<path d="{shape}" fill="none" stroke="#fff" stroke-width="5" stroke-opacity=".85"/>'
-        f'<path d="{shape}" fill="{"none" if violent else "#e08a00"}" stroke="{"#c81e1e" if violent else "#8a4f00"}" '
-        f'stroke-width="{2.6 if violent else 1.2}" stroke-linecap="round"/><title>{escape(mark.words)}</title></g>'
-    )
+    return sorted(found, key=lambda mark: mark.violent)
 
 
 def marks_of(record: Record) -> list[Mark]:

@@ -16,8 +16,13 @@ from skyrange.record import RunRecord, load
 from skyrange.study.effects import CHANGES, MEASURES
 from skyrange.study.spread import Interval, interval
 
-FORMAT: Final = "skyrange.pair/1"
+FORMAT: Final = "skyrange.pair/2"
+"""The format of a pair's folder. `skyrange.pair/1`, which can be read too, has `labels.parquet` as `PROPAGATION`."""
+
+READABLE: Final = (FORMAT, "skyrange.pair/1")
 MANIFEST: Final = "pair.json"
+EFFECTS: Final = "effects.parquet"
+PROPAGATION: Final = "propagation.parquet"
 ARMS: Final = ("nominal", "attacked", "sham")
 
 
@@ -54,18 +59,13 @@ class Pair:
     @property
     def effects(self) -> pa.Table:
         """The table of `effects.parquet`."""
-        return pq.read_table(self.path / "effects.parquet")
+        return pq.read_table(self.path / EFFECTS)
 
     @property
     def propagation(self) -> pa.Table:
-        """The table of `propagation.parquet`, or of `labels.parquet`, its name in folders of earlier versions."""
-        table = self.path / "propagation.parquet"
-        return pq.read_table(table if table.exists() else self.path / "labels.parquet")
-
-    @property
-    def labels(self) -> pa.Table:
-        """The same as `propagation`, under its earlier name."""
-        return self.propagation
+        """The table of `propagation.parquet`: every hostile act and its consequences."""
+        path = self.path / PROPAGATION
+        return pq.read_table(path if path.exists() else self.path / "labels.parquet")
 
     def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
         """By aircraft and measure, the mean effect over the seeds with its 95 % confidence interval."""
@@ -84,7 +84,7 @@ def load_pair(path: Path | str) -> Pair:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise InputError.one(str(folder), MANIFEST, str(error), "the folder of a pair") from None
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict) or manifest.get("format") not in READABLE:
         raise InputError.one(str(folder), MANIFEST, "another format", FORMAT)
     return Pair(folder, manifest)
 

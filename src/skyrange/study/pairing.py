@@ -7,7 +7,6 @@ as much, from the same place at the same times, with benign content. Each arm is
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,12 +15,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
+from skyrange.core.files import atomic_write
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.catalogue import load as load_scenario
 from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import wire
 from skyrange.study.effects import DEPARTED_M, effect_rows, effects_table
-from skyrange.study.pair_folder import ARMS, FORMAT, MANIFEST, Pair, folder_of
+from skyrange.study.pair_folder import ARMS, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
 from skyrange.study.parallel import OnShare, fly_all
 from skyrange.study.separation import NEAR_M
 from skyrange.study.tracing import effects_of, propagation_table, trace
@@ -82,7 +82,8 @@ def pair(
             for (arm, number), one in zip(flights, flown, strict=True)
         ],
     }
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8")
+    with atomic_write(folder / MANIFEST) as file:
+        file.write(f"{json.dumps(manifest, indent=2)}\n".encode())
     worst = max(flown, key=lambda one: one.code)
     if worst.code == ShortfallError.exit_code:
         raise ShortfallError(f"interrupted; the runs so far are in {folder}", folder)
@@ -127,8 +128,8 @@ def _write_comparison(result: Pair, near_m: float, threshold_m: float) -> None:
             effects += rows
             if against == "nominal":
                 propagation += sorted([*traced, *effects_of(traced, rows)], key=_time_ns)
-    _write(effects_table(effects), result.path / "effects.parquet")
-    _write(propagation_table(propagation), result.path / "propagation.parquet")
+    _write(effects_table(effects), result.path / EFFECTS)
+    _write(propagation_table(propagation), result.path / PROPAGATION)
     from skyrange.study.report.comparison import write_comparison
 
     write_comparison(result, result.report)
@@ -139,6 +140,5 @@ def _time_ns(row: Mapping[str, Any]) -> int:
 
 
 def _write(table: pa.Table, path: Path) -> None:
-    draft = path.with_name(path.name + ".part")
-    pq.write_table(table, draft)
-    os.replace(draft, path)
+    with atomic_write(path) as file:
+        pq.write_table(table, file)

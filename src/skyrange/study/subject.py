@@ -1,11 +1,11 @@
-"""Whose flight does a drawing show, in which colours, over which city? What all figures of one run share."""
+"""Subject of a drawing: name, fleet, colours and city of one run, which all its figures share."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from skyrange.study import svg
 from skyrange.study.palette import Ink, base_colours, shades
 from skyrange.study.series import Record, Vehicle, operators, vehicles
-
-_DASHED = ' stroke-dasharray="4 5"'
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +29,7 @@ class Subject:
         """The number k that an aircraft's elements carry in their class `ink-k`."""
         return self._index[vehicle.id]
 
-    def line(
+    def draw_line(
         self,
         vehicle: Vehicle,
         points: NDArray[np.float64],
@@ -39,16 +37,23 @@ class Subject:
         weight: str = "1.8",
         close: bool = False,
         dashed: bool = False,
-    ) -> str:
-        """A path through (n, 2) pixels in an aircraft's colour, named by its id; "" without points."""
+    ) -> list[Element]:
+        """A path through (n, 2) pixels in an aircraft's colour, named by its id; nothing without points."""
         if not len(points):
-            return ""
-        return (
-            f'<path class="line ink-{self.index(vehicle)}" d="{svg.path_data(points, close)}" fill="none" '
-            f'stroke="{self.inks[vehicle.id].light}" stroke-width="{weight}" stroke-opacity="{opacity}" '
-            f'stroke-linejoin="round" stroke-linecap="round"{_DASHED if dashed else ""}>'
-            f"<title>{escape(vehicle.id)}{' in the twin' if dashed else ''}</title></path>"
-        )
+            return []
+        attributes = {
+            "class": f"line ink-{self.index(vehicle)}",
+            "d": svg.path_data(points, close),
+            "fill": "none",
+            "stroke": self.inks[vehicle.id].light,
+            "stroke-width": weight,
+            "stroke-opacity": opacity,
+            "stroke-linejoin": "round",
+            "stroke-linecap": "round",
+        }
+        if dashed:
+            attributes["stroke-dasharray"] = "4 5"
+        return [svg.element("path", attributes, svg.title(f"{vehicle.id} in the twin" if dashed else vehicle.id))]
 
 
 def subject_of(record: Record) -> Subject:

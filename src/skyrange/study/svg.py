@@ -1,25 +1,36 @@
-"""How is a drawing written as SVG? Numbers, ticks, paths and text, with nothing that a viewer must fetch."""
+"""SVG elements: numbers, ticks, paths, text and the document around them.
+
+A drawing is a tree of `xml.etree.ElementTree` elements until it is written, so no text in it, whoever it is from, can
+become markup. It refers to nothing that a viewer would have to fetch.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Attributes = Mapping[str, str | float]
+"""An element's attributes by name; numbers are pixels (`format_number`)."""
 
-POINTS = 24_000
+MAX_POINTS: Final = 24_000
 """Samples that one figure draws at most, shared evenly by its aircraft."""
 
-GRID = 'stroke="currentColor" stroke-opacity=".16" fill="none"'
+GRID: Final = {"stroke": "currentColor", "stroke-opacity": ".16", "fill": "none"}
 """The attributes of grid lines."""
 
-FONT = "system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',sans-serif"
+BOLD: Final = {"font-weight": "600"}
+"""The attributes of bold text."""
+
+FONT: Final = "system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',sans-serif"
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +46,10 @@ class Figure:
     def _repr_html_(self) -> str:
         return f'<div style="max-width:100%;overflow-x:auto">{self.svg}</div>'
 
+    def __html__(self) -> str:
+        """The drawing as markup, for templates that escape what is not."""
+        return self.svg
+
     def save(self, path: str | Path) -> Path:
         """Write it as an `.svg` file and return its path."""
         target = Path(path)
@@ -42,20 +57,30 @@ class Figure:
         return target
 
 
-def number(value: float) -> str:
+def element(tag: str, attributes: Attributes, *children: Element, text: str = "") -> Element:
+    """An element that holds `text`, then `children`."""
+    made = Element(
+        tag, {name: value if isinstance(value, str) else format_number(value) for name, value in attributes.items()}
+    )
+    made.text = text or None
+    made.extend(children)
+    return made
+
+
+def format_number(value: float) -> str:
     """At most one decimal, no trailing zero, no minus zero: a tenth of a pixel is enough."""
     text = f"{value:.1f}".removesuffix(".0")
     return "0" if text == "-0" else text
 
 
-def label(value: float, step: float) -> str:
+def format_tick(value: float, step: float) -> str:
     """A tick's text, with the decimals that `step` needs and a true minus sign."""
     decimals = max(0, -math.floor(math.log10(step) + 1e-9)) if step < 1 else 0
     text = f"{value:.{decimals}f}"
     return "0" if float(text) == 0 else text.replace("-", "−")
 
 
-def nice_step(span: float, about: int) -> float:
+def round_step(span: float, about: int) -> float:
     """1, 2 or 5 times a power of ten, such that `span` (> 0) holds about `about` steps."""
     rough = max(span, 1e-9) / max(about, 1)
     power: float = 10.0 ** math.floor(math.log10(rough))
@@ -64,7 +89,7 @@ def nice_step(span: float, about: int) -> float:
 
 def ticks(low: float, high: float, about: int = 5) -> tuple[list[float], float]:
     """Round values within [low, high] and their step."""
-    step = nice_step(high - low, about)
+    step = round_step(high - low, about)
     first, last = math.ceil(low / step - 1e-6), math.floor(high / step + 1e-6)
     return [index * step for index in range(first, last + 1)], step
 
@@ -76,27 +101,46 @@ def path_data(points: Floats, close: bool = False) -> str:
     tenths = np.rint(points * 10).astype(np.int64)
     moves = np.diff(tenths, axis=0)
     moves = moves[(moves != 0).any(axis=1)]
-    start = f"M{number(tenths[0, 0] / 10)} {number(tenths[0, 1] / 10)}"
-    steps = " ".join(f"{number(dx / 10)} {number(dy / 10)}" for dx, dy in moves.tolist())
+    start = f"M{format_number(tenths[0, 0] / 10)} {format_number(tenths[0, 1] / 10)}"
+    steps = " ".join(f"{format_number(dx / 10)} {format_number(dy / 10)}" for dx, dy in moves.tolist())
     return start + (f"l{steps}" if steps else "h0") + ("z" if close else "")
 
 
-def text(x: float, y: float, words: str, anchor: str = "middle", size: float = 11, extra: str = "") -> str:
-    """A `<text>` element, its words escaped."""
-    return (
-        f'<text x="{number(x)}" y="{number(y)}" text-anchor="{anchor}" font-size="{number(size)}" '
-        f'fill="currentColor"{" " + extra if extra else ""}>{escape(words)}</text>'
-    )
+def title(words: str) -> Element:
+    """The `<title>` of an element: what viewers show under the pointer."""
+    return element("title", {}, text=words)
 
 
-def document(width: float, height: float, title: str, body: Iterable[str], description: str = "") -> str:
-    """A whole `<svg>` element with a title for screen readers; text and axes take the page's own colour."""
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="figure" viewBox="0 0 {number(width)} {number(height)}" '
-        f'width="{number(width)}" height="{number(height)}" role="img" aria-label="{escape(title, quote=True)}" '
-        f'font-family="{FONT}" preserveAspectRatio="xMidYMid meet">'
-        f"<title>{escape(title)}</title>"
-        + (f"<desc>{escape(description)}</desc>" if description else "")
-        + "".join(body)
-        + "</svg>"
+def label(
+    x: float,
+    y: float,
+    words: str,
+    anchor: str = "middle",
+    size: float = 11,
+    extra: Attributes | None = None,
+) -> Element:
+    """A `<text>` element at a pixel, in the colour of its surroundings unless the `extra` attributes name another."""
+    place: Attributes = {"x": x, "y": y, "text-anchor": anchor, "font-size": size, "fill": "currentColor"}
+    return element("text", {**place, **(extra or {})}, text=words)
+
+
+def document(width: float, height: float, heading: str, body: Iterable[Element], description: str = "") -> Figure:
+    """A figure of `width` × `height` pixels with a title for screen readers; text and axes take the page's colour."""
+    root = element(
+        "svg",
+        {
+            "xmlns": "http://www.w3.org/2000/svg",
+            "class": "figure",
+            "viewBox": f"0 0 {format_number(width)} {format_number(height)}",
+            "width": width,
+            "height": height,
+            "role": "img",
+            "aria-label": heading,
+            "font-family": FONT,
+            "preserveAspectRatio": "xMidYMid meet",
+        },
+        title(heading),
+        *([element("desc", {}, text=description)] if description else []),
+        *body,
     )
+    return Figure(ElementTree.tostring(root, encoding="unicode"), heading)

@@ -1,9 +1,11 @@
-"""What happened in a run, on one page that needs no network? See `write_report`."""
+"""Reports: a run, or a pair of runs, on one page that needs no network."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from skyrange.core.files import atomic_write
 
 if TYPE_CHECKING:
     from skyrange.study.series import Record
@@ -19,15 +21,10 @@ def write_report(record: Record, path: str | Path) -> Path:
     and both are said on the page. Raises `OSError` where `path` cannot be written; a half-written file never stands
     there.
     """
-    from skyrange.study.report.page import render
+    from skyrange.study.report.page import render_run
 
     target = Path(path)
-    page = render(record)
-    draft = target.with_name(target.name + ".part")
-    try:
-        draft.write_text(page, encoding="utf-8")
-        draft.replace(target)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
+    page = render_run(record)
+    with atomic_write(target) as file:
+        file.write(page.encode())
     return target

@@ -1,22 +1,23 @@
-"""Did the autopilots notice that their sensors lied? Belief against truth, innovations, and what estimators said.
+"""Belief of deceived autopilots: against the truth, their innovations, and what their estimators noted.
 
-Only aircraft whose sensors were altered are told of. Belief is what their ground station received, as everywhere.
+Only aircraft whose sensors were altered are shown. Belief is what their ground station received, as everywhere.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pyarrow.compute as pc
+from markupsafe import Markup
 from numpy.typing import NDArray
 
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.study.chart import over_time
+from skyrange.study.chart import draw_chart
 from skyrange.study.marks import alarming
 from skyrange.study.report import words
+from skyrange.study.report.rendering import render
 from skyrange.study.series import Record, Track, belief_tracks, gaps_m, happenings, hostile_acts
 from skyrange.study.subject import Subject
 from skyrange.study.twins import Span
@@ -26,8 +27,8 @@ Line = tuple[NDArray[np.int64], NDArray[np.float64]]
 _ESTIMATOR: Final = frozenset({"event.glitch", "event.estimator", "event.ekf_failsafe"})
 _RATIOS: Final = ("pos_horiz_variance", "velocity_variance")
 """EKF_STATUS_REPORT: innovations over what they are rejected at, of position and of velocity."""
-MOST_SAID: Final = 60
-"""Rows of the table of what estimators said."""
+MAX_NOTES: Final = 60
+"""Rows of the table of what estimators noted."""
 
 
 def deceived(run: Record) -> list[str]:
@@ -41,7 +42,7 @@ def belief(
     subject: Subject,
     spans: Sequence[Span],
     most: int,
-) -> str:
+) -> Markup:
     """The section as HTML, "" where no sensor was altered; of the attacked run and its twin, with their true tracks.
 
     Charts show the first `most` aircraft.
@@ -49,28 +50,17 @@ def belief(
     run, twin = runs
     whom = deceived(run)
     if not whom:
-        return ""
+        return Markup()
     drawn = whom[:most]
     gaps = [_gaps(each, true, drawn) for each, true in zip(runs, tracks, strict=True)]
     title = f"Distance of belief from truth in {subject.name}"
-    away = over_time(subject, gaps[0], "metres from where it truly is", title, 760.0, 300.0, gaps[1], spans)
-    found = innovations(run, drawn)
+    away = draw_chart(subject, gaps[0], "metres from where it truly is", title, 760.0, 300.0, gaps[1], spans)
+    found, chart = innovations(run, drawn), None
     if found:
         said = "innovation over its gate, position or velocity, the larger"
         title = f"Innovations in {subject.name}"
-        chart = over_time(subject, found, said, title, 760.0, 300.0, innovations(twin, drawn), spans).svg
-    else:
-        chart = words.nothing("The ground stations did not ask for EKF_STATUS_REPORT; streams = “operator” does.")
-    return (
-        '<section id="belief"><h2>Belief</h2><p class="lead">Of aircraft whose sensors were altered: how far from the '
-        "truth their ground station saw them, which is what they believe, and how well what GNSS says fits what the "
-        "estimator expected: above 1 it is rejected. Until a collision or crash; dashed in the twin.</p>"
-        '<div class="cols"><figure class="card"><figcaption><b>Belief and truth</b> <span class="dim">how far apart'
-        f'</span></figcaption><div class="still">{away.svg}</div></figure><figure class="card"><figcaption>'
-        '<b>Innovations</b> <span class="dim">as the autopilot reports them</span></figcaption>'
-        f'<div class="still">{chart}</div></figure></div><div class="card later">{_said(run, subject, whom)}</div>'
-        "</section>"
-    )
+        chart = draw_chart(subject, found, said, title, 760.0, 300.0, innovations(twin, drawn), spans)
+    return render("comparison/belief.html.jinja", gaps=away, innovations=chart, notes=_notes(run, subject, whom))
 
 
 def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
@@ -112,7 +102,7 @@ def _gaps(run: Record, tracks: Mapping[str, Track], chosen: Sequence[str]) -> di
     return {name: (track.time_ns, gaps_m(tracks[name], track)) for name, track in beliefs(run, chosen).items()}
 
 
-def _said(run: Record, subject: Subject, whom: Sequence[str]) -> str:
+def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[str, Any]]:
     """What estimators and their failsafes noted about these aircraft."""
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     rows = [
@@ -120,13 +110,13 @@ def _said(run: Record, subject: Subject, whom: Sequence[str]) -> str:
         for row in happenings(run, "events")
         if row.about in whom and (row.kind in _ESTIMATOR or alarming(row) == "failsafe")
     ]
-    if not rows:
-        return words.nothing("No estimator noted anything: no fix was rejected, no belief reset.")
-    cells = (
-        f"<tr><td>{words.named(places[row.about], row.about)}</td>"
-        f"<td>{escape(row.kind.removeprefix('event.').replace('_', ' '))}</td>"
-        f"<td class=wrapped>{words.details(row.data)}</td>"
-        f"{words.cells(words.quantity(row.time_ns / NS_PER_S, 's', 2))}</tr>"
-        for row in rows[:MOST_SAID]
-    )
-    return words.table("What the estimators noted", ["aircraft", "what", "details"], ["time"], cells, "tall")
+    return [
+        {
+            "place": places[row.about],
+            "vehicle": row.about,
+            "what": row.kind.removeprefix("event.").replace("_", " "),
+            "data": row.data,
+            "time": words.quantity(row.time_ns / NS_PER_S, "s", 2),
+        }
+        for row in rows[:MAX_NOTES]
+    ]

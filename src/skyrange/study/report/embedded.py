@@ -1,13 +1,11 @@
-"""What does the page's script draw from? Tracks, buildings and colours as compact JSON.
+"""Data that the page's script draws from: tracks, buildings and colours, ready for JSON.
 
 Numbers are integers in small units (centimetres, centiseconds, centimetres per second), each the difference to the one
-before, which halves the file. The text is safe inside a `<script>` element: `<`, `>`, `&` and the two line
-separators of Unicode are escaped, so nothing in it can close the element.
+before, which halves the file.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,12 +16,12 @@ from skyrange.study.report.gathered import Gathered
 from skyrange.study.series import Track, gaps_m
 from skyrange.study.thin import kept_rows
 
-TRUTH_POINTS = 60_000
+MAX_TRUTH_POINTS = 60_000
 """Samples of all true tracks together."""
-BELIEF_POINTS = 40_000
+MAX_BELIEF_POINTS = 40_000
 """Samples of all believed tracks together."""
-MOST_PER_TRACK = 3_000
-CITY_VERTICES = 60_000
+MAX_PER_TRACK = 3_000
+MAX_CITY_VERTICES = 60_000
 """Corners of all drawn buildings together; the nearest to the flights are kept."""
 TOLERANCE_M = 0.02
 """A dropped sample lies no further than this from the drawn line, unless the budgets above force it to."""
@@ -33,17 +31,17 @@ _SPEED_WEIGHT_S = 0.3
 Floats = NDArray[np.float64]
 
 
-def embed(run: Gathered) -> tuple[str, dict[str, Any]]:
-    """The JSON text, and what had to be left out: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
+def embed(run: Gathered) -> tuple[dict[str, Any], dict[str, int]]:
+    """The data, and what had to be left out: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
     fleet = run.fleet
     places = {name: number for number, name in enumerate(run.operator_inks)}
     notes = {"points": 0, "points_drawn": 0, "buildings": len(run.record.city), "buildings_drawn": 0}
     aircraft = []
     for vehicle in fleet:
         truth, belief = run.truth[vehicle.id], run.belief[vehicle.id]
-        rows = _thinned(truth, truth.speed_mps, _budget(TRUTH_POINTS, len(fleet)))
+        rows = _thinned(truth, truth.speed_mps, _budget(MAX_TRUTH_POINTS, len(fleet)))
         seen_gaps = gaps_m(truth, belief)
-        seen = _thinned(belief, seen_gaps, _budget(BELIEF_POINTS, len(fleet)))
+        seen = _thinned(belief, seen_gaps, _budget(MAX_BELIEF_POINTS, len(fleet)))
         notes["points"] += len(truth) + len(belief)
         notes["points_drawn"] += len(rows) + len(seen)
         aircraft.append(
@@ -73,19 +71,11 @@ def embed(run: Gathered) -> tuple[str, dict[str, Any]]:
         ],
         "buildings": buildings,
     }
-    return safe_json(data), notes
-
-
-def safe_json(data: object) -> str:
-    """JSON that may stand inside a `<script>` element."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return text
+    return data, notes
 
 
 def _budget(total: int, count: int) -> int:
-    return max(40, min(MOST_PER_TRACK, total // max(count, 1)))
+    return max(40, min(MAX_PER_TRACK, total // max(count, 1)))
 
 
 def _thinned(track: Track, fourth: Floats, budget: int) -> NDArray[np.int64]:
@@ -123,7 +113,7 @@ def _buildings(city: Sequence[Mapping[str, Any]], centre: Floats) -> dict[str, l
     corners = 0
     for _, height, rings in solid:
         corners += sum(len(ring) for ring in rings)
-        if corners > CITY_VERTICES:
+        if corners > MAX_CITY_VERTICES:
             break
         heights.append(round(height * 10))
         outlines.append([_ring(ring) for ring in rings])

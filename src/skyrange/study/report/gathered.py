@@ -1,4 +1,4 @@
-"""What does the page need to know? Everything read from the record once, before any of it is drawn."""
+"""Data of a run's page: everything read from the record once, before any of it is drawn."""
 
 from __future__ import annotations
 
