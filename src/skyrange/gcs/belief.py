@@ -44,7 +44,7 @@ class Watch(IntFlag):
 
 
 class Beliefs:
-    """The beliefs of a station about all its aircraft, by index; `gcs.reading` updates them from columns of frames."""
+    """The beliefs of a station about all its aircraft, by index; `gcs.reading` updates them in columns."""
 
     def __init__(self, count: int) -> None:
         self.table: NDArray[Any] = np.zeros(count, dtype=_ROW)

@@ -8,10 +8,10 @@ as a whole.
 
 The table rests on three rules. First, only the flight sequencer raises events, and only those that the current state
 accepts. A frame that has no meaning in the current state updates the belief or is counted; it is never an event. An
-event outside the table is therefore a defect of skyrange, and `after` raises an error. Second, waiting is a state and
-giving up is an event (`GAVE_UP`, with a reason). Each state that waits has a deadline, so each flight ends in
-COMPLETE, FAILED or LEFT. Third, a flight that is given up in the air does not fail at once: the aircraft first
-returns home (ABORTING), as an operator would have it do.
+event outside the table is therefore a defect of skyrange, and `after` raises an error.
+Second, waiting is a state and giving up is an event (`GAVE_UP`, with a reason). Each state that waits has a deadline,
+so each flight ends in COMPLETE, FAILED or LEFT. Third, a flight that is given up in the air does not fail at once: the
+aircraft first returns home (ABORTING), as an operator would have it do.
 """
 
 from __future__ import annotations

@@ -66,8 +66,7 @@ class GroundStation:
         key: SigningKey | None = None,
         service_ns: Time = SERVICE_NS,
     ) -> None:
-        """The plans must be free of problems (`checks.check`); `lookout` covers this operator's ground receivers.
-
+        """The plans must have no problems (`checks.check`); `lookout` covers the operator's ground receivers.
         With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
         key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
         out of range, and for an unknown profile of `streams`.
@@ -234,7 +233,7 @@ class GroundStation:
 
     @property
     def tracks(self) -> TrackTable | None:
-        """The tracks of its ground receivers, one row for each of `lookout.receivers`; `None` without receivers."""
+        """The tracks of its ground receivers, one row for each receiver; `None` without receivers."""
         return None if self.lookout is None else self.lookout.tracks
 
     def _place(self, vehicle: str) -> int:

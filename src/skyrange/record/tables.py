@@ -45,7 +45,7 @@ _JOINED = {"parent": _join_parent_ids}
 class Tables:
     """The recorded tables of one run, read from its spool if `spooled`, else from its Parquet files.
 
-    `telemetry` is not recorded: it is derived from frames (see `skyrange.record.stations`) and stored as Parquet.
+    `telemetry` is not recorded but derived from frames (`skyrange.record.stations`) and stored as Parquet.
     """
 
     folder: Path

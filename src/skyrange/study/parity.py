@@ -110,7 +110,7 @@ def compare(
 ) -> Parity:
     """Run `scenario` with all aircraft under each of two autopilots, into `folder`, and measure the flights.
 
-    `taps` are placed on the links of both runs. Raises the errors of `session.fly`, and `ValueError` for equal kinds.
+    `taps` are placed on the links of both runs. Raises the errors of `session.fly`; `ValueError` for equal kinds.
     """
     if len(set(autopilots)) < len(autopilots):
         raise ValueError(f"expected two kinds of autopilot that differ, got {autopilots[0]} twice")
