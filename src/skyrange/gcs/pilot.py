@@ -371,7 +371,7 @@ class Pilot:
     # --- timers ------------------------------------------------------------------------------------------
 
     def look_at_news(self, now: Time, out: Outbox) -> None:
-        """Detect a lost link and stale telemetry; called with the station's heartbeat for stale rows of `Beliefs`."""
+        """Detect a lost link and stale telemetry; called with the station's heartbeat for stale beliefs."""
         if self.state is State.PLANNED or self.state in OVER:
             return
         belief = self.belief

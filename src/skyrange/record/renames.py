@@ -58,7 +58,7 @@ class Renames:
     def __init__(self, incoming: Mapping[LinkDirection, str], shifts: Mapping[tuple[str, str, str], int]) -> None:
         """`incoming` has the source endpoint of each link direction that leads here from another node.
 
-        `shifts` are added to the serials of (link, direction, sender), because a restarted node counts from 0 again.
+        `shifts` are added to the serials of (link, direction, sender): a restarted node counts from 0 again.
         """
         self._incoming = incoming
         self._shifts = shifts
