@@ -67,6 +67,7 @@ class GroundStation:
         service_ns: Time = SERVICE_NS,
     ) -> None:
         """The plans must have no problems (`checks.check`); `lookout` is that of the ground receivers.
+
         With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
         key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
         out of range, and for an unknown profile of `streams`.
