@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Inbox, Note, Outbox
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
@@ -327,6 +328,10 @@ class Observer(Protocol):
 
     def on_label(self, label: Label) -> None:
         """A hostile tap or agent acted."""
+        ...
+
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        """A monitor raised an alert at its service time `now`."""
         ...
 
     def on_truth(self, now: Time, world: World) -> None:

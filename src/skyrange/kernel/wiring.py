@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Agent, Engine, Watcher, World
 from skyrange.agent.links import AttackPlan, LinkSpec, Route, TapPlacement
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import ID_PATTERN, Port
@@ -49,6 +50,8 @@ class Wiring:
     engines: Sequence[EngineMount] = ()
     watchers: Sequence[Watcher] = ()
     """Agents too, which also see the world."""
+    monitors: Sequence[MonitorPlacement] = ()
+    """Detectors: they see frames at some ends of links, and alter nothing."""
     local: Container[str] | None = None
     """The endpoints that live in this kernel; `None` for all. Frames for others leave as `Transit`s."""
     fuse: bool = True
@@ -207,6 +210,16 @@ def check(wiring: Wiring) -> None:
         Fault("attacks", repr(id_), f"letters, digits, '-' or '_', at most 32, and not {_NO_ATTACK!r}")
         for id_ in ids
         if id_ == _NO_ATTACK or not ID_PATTERN.match(id_)
+    ]
+    detectors = [placement.id for placement in wiring.monitors]
+    faults += [
+        Fault("monitors", id_, "ids that differ")
+        for id_ in sorted({id_ for id_ in detectors if detectors.count(id_) > 1})
+    ]
+    faults += [
+        Fault("monitors", repr(id_), "letters, digits, '-' or '_', at most 32")
+        for id_ in detectors
+        if not ID_PATTERN.match(id_)
     ]
     if wiring.engines and wiring.world is None:
         faults.append(Fault("engines", "no world", "a world for them to fly in"))

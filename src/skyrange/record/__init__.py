@@ -8,9 +8,10 @@ if TYPE_CHECKING:
     from skyrange.record.digests import Digests
     from skyrange.record.memory import MemoryObserver
     from skyrange.record.recorder import Recorder
+    from skyrange.record.replay import replay_monitor
     from skyrange.record.run import RecordedFrame, RunRecord, load
 
-__all__ = ["Digests", "MemoryObserver", "RecordedFrame", "Recorder", "RunRecord", "load"]
+__all__ = ["Digests", "MemoryObserver", "RecordedFrame", "Recorder", "RunRecord", "load", "replay_monitor"]
 
 _MODULES = {
     "Digests": "digests",
@@ -19,6 +20,7 @@ _MODULES = {
     "Recorder": "recorder",
     "RunRecord": "run",
     "load": "run",
+    "replay_monitor": "replay",
 }
 
 

@@ -22,7 +22,7 @@ from skyrange.record.matching import TOLERANCE_NS
 from skyrange.record.order import in_order
 from skyrange.record.renames import LinkDirection, Renames
 from skyrange.record.run import load
-from skyrange.record.schema import TABLES
+from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import SPOOL
 from skyrange.record.tables import Tables
 
@@ -34,8 +34,10 @@ FRAME_COLUMNS = (
 KEPT, HANDED, INCOMING = 0, 1, 2
 """A frame within its node; a frame sent to another node; a frame received from another node."""
 
-_TIMES = {name: ["at_ns", "until_ns"] if name == "labels" else ["time_ns"] for name in TABLES} | {
-    "frames": ["sent_ns", "arrived_ns"]
+_TIMES = {name: ["time_ns"] for name in TABLES} | {
+    "alerts": ["time_ns", "at_ns"],
+    "labels": ["at_ns", "until_ns"],
+    "frames": ["sent_ns", "arrived_ns"],
 }
 _OWN = {MANIFEST, f"{MANIFEST}{DRAFT}", SPOOL, PARTS, "operators"}
 
@@ -101,6 +103,8 @@ class Part:
                 continue
             try:
                 self.rows[name] = sum(map(self._scan_batch, self._raw(name, _TIMES[name])))
+                if name in OPTIONAL and not self.rows[name]:
+                    del self.rows[name]
             except InputError as error:
                 self.rows[name] = 0
                 self.problems.append(str(error))

@@ -165,6 +165,15 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
         Column("until_ns", _I64, "ns", f"time until which a delay holds the frame, {_TIME}", True),
     ),
+    "alerts": (
+        Column("time_ns", _I64, "ns", f"time at which the detector raised it, {_TIME}"),
+        Column("detector", NAME, "", "the detector's id"),
+        Column("kind", NAME, "", "kind of the finding, a dotted name"),
+        Column("subject", NAME, "", "the vehicle, operator, endpoint or link that it concerns"),
+        Column("score", _F64, "", "strength of the evidence; the detector defines the meaning of 1"),
+        Column("at_ns", _I64, "ns", f"time of the observation, {_TIME}"),
+        Column("data", TEXT, "", "details: a JSON object of scalars; not-a-number and infinities as strings"),
+    ),
     "telemetry": (
         Column("time_ns", _I64, "ns", f"time of reception by the ground station, {_TIME}"),
         Column("operator", NAME, "", "the operator of the ground station"),
@@ -180,6 +189,9 @@ TABLES: dict[str, tuple[Column, ...]] = {
     ),
 }
 """The columns of every table. Truth may have more, as the world defines; telemetry has one per MAVLink field."""
+
+OPTIONAL = frozenset({"alerts"})
+"""Tables that only some runs have: `alerts`, only runs with detectors. In other runs they are read as empty."""
 
 BAD_DATA = "BAD_DATA"
 """pymavlink's name for bytes that are not a message."""

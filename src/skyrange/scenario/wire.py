@@ -12,6 +12,7 @@ import numpy as np
 
 from skyrange.agent.contracts import Agent
 from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, find
 from skyrange.attack.contract import Aircraft, Setting
 from skyrange.city.city import City
@@ -75,15 +76,16 @@ def wire(
     *,
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
     motion: bool = False,
 ) -> Rig:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
-    `taps` and `attacks` are placed on the scenario's links, by name or pattern. With `local` only what lives at these
-    endpoints is built, as a process needs it that runs a part of the range: world, oracle and autopilots where
-    `oracle` is among them. `motion` is the command line's word that vehicles outside may be moved; the scenario's is
-    needed too.
+    `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern. With `local` only what
+    lives at these endpoints is built, as a process needs it that runs a part of the range: world, oracle and autopilots
+    where `oracle` is among them. `motion` is the command line's word that vehicles outside may be moved; the
+    scenario's is needed too.
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
@@ -125,6 +127,7 @@ def wire(
         watchers=air.watchers,
         taps=[*made.taps, *taps],
         attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks)],
+        monitors=monitors,
         world=world,
         engines=engines,
         local=local,
@@ -137,10 +140,17 @@ def wire(
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        _header(scenario, city, links, plans) | {"attacks": made.rows, "engines": engines_told(engines)},
+        _header(scenario, city, links, plans)
+        | {"attacks": made.rows, "engines": engines_told(engines)}
+        | ({"detectors": [_detector_row(placement) for placement in monitors]} if monitors else {}),
         _attachments(scenario, plans, city),
         air.oracle,
     )
+
+
+def _detector_row(placement: MonitorPlacement) -> dict[str, Any]:
+    """What the manifest says of a detector."""
+    return {"id": placement.id, "links": list(placement.links), "side": placement.side}
 
 
 def _elsewhere(plan: AttackPlan) -> AttackPlan:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skyrange.agent.links import AttackPlan, TapPlacement
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.core.time import Time
 from skyrange.record import RunRecord, load
@@ -23,6 +24,7 @@ def fly(
     speed: float | None = None,
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    monitors: Sequence[MonitorPlacement] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     report: bool = True,
@@ -31,17 +33,25 @@ def fly(
     """Run `scenario` into the folder `out`, or into the first free folder `runs/NAME`, `runs/NAME-2` …, with a report.
 
     `speed` is that of `Run.execute`. Without it, a run with viewers runs in real time, or at the pace of engines that
-    have one, and any other run as fast as possible. `taps` and `attacks` are placed on the scenario's links. `viewers`
-    are served between steps; the caller closes them. `motion` is that of `Run.start`. Raises the errors of
-    `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is written as well.
+    have one, and any other run as fast as possible. `taps`, `attacks` and `monitors` are placed on the scenario's
+    links. `viewers` are served between steps; the caller closes them. `motion` is that of `Run.start`. Raises the
+    errors of `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is written as well.
     """
     asked = 0.0 if speed is None else speed
     Pace(asked)  # rejects an invalid speed before a folder is created
     if viewers is None:
-        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, motion=motion)
+        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
     else:
         run = Run.start(
-            scenario, out, speed=asked, taps=taps, attacks=attacks, observers=[viewers], fuse=False, motion=motion
+            scenario,
+            out,
+            speed=asked,
+            taps=taps,
+            attacks=attacks,
+            monitors=monitors,
+            observers=[viewers],
+            fuse=False,
+            motion=motion,
         )
         on_progress = _serving(viewers, on_progress)
     if speed is None and viewers is not None and not run.on_wall_clock:
@@ -83,6 +93,7 @@ def run(
     changes: Sequence[str] = (),
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    monitors: Sequence[MonitorPlacement] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     motion: bool = False,
@@ -91,9 +102,9 @@ def run(
 
     `scenario` is a `Scenario`, the name of a shipped scenario, or a TOML file. `out` defaults to the first free folder
     of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as for `--set`) apply to names
-    and files; a `Scenario` is run unchanged. `taps` and `attacks` are placed on links by name or pattern. `viewers`
-    (`runtime.viewers.Viewers`) let ground stations watch, preferably at `speed` 1. `motion` is `--allow-motion`:
-    together with the scenario's `allow_motion` it lets external vehicles move.
+    and files; a `Scenario` is run unchanged. `taps`, `attacks` and `monitors` are placed on links by name or pattern.
+    `viewers` (`runtime.viewers.Viewers`) let ground stations watch, preferably at `speed` 1. `motion` is
+    `--allow-motion`: together with the scenario's `allow_motion` it lets external vehicles move.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -107,6 +118,7 @@ def run(
         speed=speed,
         taps=taps,
         attacks=attacks,
+        monitors=monitors,
         viewers=viewers,
         on_progress=on_progress,
         motion=motion,

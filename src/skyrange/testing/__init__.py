@@ -1,4 +1,5 @@
-"""Does my plugin keep skyrange's contracts? Checks for agents, taps, autopilot engines, approvals, attacks and media.
+"""Does my plugin keep skyrange's contracts? Checks for agents, taps, monitors, autopilot engines, approvals, attacks
+and media.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
@@ -12,6 +13,7 @@ from skyrange.testing.attacks import check_attack
 from skyrange.testing.engines import check_engine
 from skyrange.testing.mail import Letter, Postbag
 from skyrange.testing.media import check_medium
+from skyrange.testing.monitors import check_monitor
 from skyrange.testing.rules import NonConformance
 from skyrange.testing.taps import check_tap
 
@@ -24,5 +26,6 @@ __all__ = [
     "check_attack",
     "check_engine",
     "check_medium",
+    "check_monitor",
     "check_tap",
 ]
