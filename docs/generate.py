@@ -229,9 +229,12 @@ def tables() -> str:
 
 def pair_tables() -> str:
     """The tables of a pair's folder."""
-    from skyrange.study import effects, pair_folder, tracing
+    from skyrange.study.effects import COLUMNS as EFFECTS
+    from skyrange.study.pair_folder import EFFECTS as EFFECTS_FILE
+    from skyrange.study.pair_folder import PROPAGATION as PROPAGATION_FILE
+    from skyrange.study.tracing import COLUMNS as PROPAGATION
 
-    return _tables({pair_folder.EFFECTS: effects.COLUMNS, pair_folder.PROPAGATION: tracing.COLUMNS})
+    return _tables({EFFECTS_FILE: EFFECTS, PROPAGATION_FILE: PROPAGATION})
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:

@@ -430,13 +430,13 @@ def test_the_doctor_does_not_fail_for_what_is_optional(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from skyrange import doctor
-    from skyrange.cli import commands
+    from skyrange.cli import installation
 
     findings = [doctor.Finding("ardupilot", "none", False, "get it", optional=True)]
     monkeypatch.setattr(doctor, "examine", lambda: findings)
-    commands.doctor(as_json=False)
+    installation.doctor(as_json=False)
     assert capsys.readouterr().out == "--  ardupilot: none\n    get it\n"
     findings.append(doctor.Finding("numpy", "missing", False, "pip install numpy"))
     with pytest.raises(SystemExit) as ended:
-        commands.doctor(as_json=False)
+        installation.doctor(as_json=False)
     assert ended.value.code == 3

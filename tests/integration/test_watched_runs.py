@@ -19,7 +19,7 @@ from skyrange.agent.frames import Frame
 from skyrange.agent.links import TapPlacement
 from skyrange.agent.verdicts import Drop, Verdict
 from skyrange.cli.app import app
-from skyrange.cli.viewing import warning
+from skyrange.cli.viewing import open_port_warning
 from skyrange.core.errors import InputError
 from skyrange.core.time import Time, from_seconds
 from skyrange.record import RunRecord
@@ -352,7 +352,7 @@ def test_ardupilots_own_port_is_opened_with_a_warning_and_refused_where_it_is_ta
         with pytest.raises(InputError, match=rf"options.ardupilot.open_port: port {port}: Address already in use"):
             fly(scenario, tmp_path / "second")
     assert not (tmp_path / "second").exists()
-    (said, *_), (where, *_) = warning(scenario)[0:1], warning(scenario)[2:]
+    (said, *_), (where, *_) = open_port_warning(scenario)[0:1], open_port_warning(scenario)[2:]
     assert "ALL network interfaces" in said
     assert where == f"  {ONE} at port {port}"
-    assert warning(alone(60.0)) == []
+    assert open_port_warning(alone(60.0)) == []

@@ -17,11 +17,11 @@ from skyrange.agent.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
-from skyrange.study import tracing
 from skyrange.study.effects import COLUMNS, departures, effect_rows, effects_table, measure, ticks_of
 from skyrange.study.pair_folder import intervals, load_pair
 from skyrange.study.separation import approaches, least_to_walls_m
 from skyrange.study.spread import interval, t_quantile
+from skyrange.study.tracing import COLUMNS as PROPAGATION_COLUMNS
 from skyrange.study.tracing import effects_of, propagation_table, trace
 from tests.unit.record_sample import make_frame
 
@@ -222,7 +222,7 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
     ("layout", "name"), [("skyrange.pair/2", "propagation.parquet"), ("skyrange.pair/1", "labels.parquet")]
 )
 def test_the_folder_of_a_pair_is_read_in_both_layouts(layout: str, name: str, tmp_path: Path) -> None:
-    row = dict.fromkeys(column.name for column in tracing.COLUMNS) | {
+    row = dict.fromkeys(column.name for column in PROPAGATION_COLUMNS) | {
         "seed": 4, "phase": "onset", "at_ns": S, "attack": "x", "kind": "send", "source": "x.radio"
     }  # fmt: skip
     (tmp_path / "pair.json").write_text(json.dumps({"format": layout, "arms": ["nominal", "attacked"], "seeds": [4]}))

@@ -88,8 +88,8 @@ def test_only_those_asked_for() -> None:
 
 
 def test_a_long_record_is_read_as_it_is_written() -> None:
-    """What is held is what lies within `HELD_NS`, here two batches' worth."""
-    step = overheard.HELD_NS // 100
+    """What is held is what lies within `WINDOW_NS`, here two batches' worth."""
+    step = overheard.WINDOW_NS // 100
     batches = [[("rid_down:a/1", "oracle", reception((50 * n + k) * step)) for k in range(50)] for n in range(400)]
     run = record(*batches)
     stream = heard_in(run)

@@ -1,4 +1,4 @@
-"""What `skyrange.study.parity` measures of a flight, and that a flight is as far from itself as nothing."""
+"""Measures of `skyrange.study.parity`; a flight does not differ from itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `skyrange.study.reactions` reads of a run in which the builtin flies for both: they agree, as is known of it."""
+"""Reactions read by `skyrange.study.reactions` from a run of the builtin in both roles: they agree."""
 
 from __future__ import annotations
 

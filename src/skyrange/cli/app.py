@@ -1,4 +1,4 @@
-"""Which commands are there, and what do they take? Imports of the library wait until a command needs them."""
+"""Declaration of the commands with their arguments; the library is imported only when a command runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import app_live, commands
+from skyrange.cli import app_live, commands, installation
 from skyrange.cli.app_measure import bench_app, parity_app
 from skyrange.cli.options import (
     AsJson,
@@ -27,14 +27,14 @@ from skyrange.cli.options import (
 
 app = typer.Typer(
     name="skyrange",
-    help="A cyber range for the sky: fly fleets of small unmanned aircraft over a city, attack them, measure it.",
+    help="A cyber range for the sky: fly fleets of small unmanned aircraft over a city, attack them, measure effects.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 install_app = typer.Typer(
-    help="Fetch real engines into your data folder.\n\nExample: skyrange install ardupilot",
+    help="Download real engines to your data folder.\n\nExample: skyrange install ardupilot",
     no_args_is_help=True,
 )
 app.add_typer(app_live.commands)
@@ -57,7 +57,7 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Fly fleets over a city, attack them, measure it."""
+    """Fly fleets over a city, attack them, and measure the effects."""
 
 
 @app.command(epilog="Example: skyrange run squares --seed 7 --set 'operators.*.vehicles.*.plan.square.alt_m=8'")
@@ -70,7 +70,7 @@ def run(
         typer.Option(
             metavar="X",
             min=0.0,
-            help="Simulated seconds per wall second; 0 is as fast as it goes. Default: 0, and 1 with --qgc.",
+            help="Simulated seconds per second of wall time; 0 is as fast as possible. Default: 0, or 1 with --qgc.",
         ),
     ] = None,
     buildings: Buildings = None,
@@ -99,16 +99,17 @@ def pair(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="The pair's folder, empty or new. Default: runs/NAME-pair, then -2 …"),
+        typer.Option(metavar="DIR", help="The pair's folder; must be empty or new. Default: runs/NAME-pair, then -2 …"),
     ] = None,
     sham: Annotated[
-        bool, typer.Option("--sham", help="A third arm: the attacks send as much, and it is all benign.")
+        bool, typer.Option("--sham", help="Add a third arm in which the attacks send as much, but with benign content.")
     ] = False,
     seeds: Annotated[
-        int, typer.Option(metavar="K", min=1, help="Repeat with K seeds; effects get means and 95 % intervals.")
+        int,
+        typer.Option(metavar="K", min=1, help="Repeat with K seeds; effects get means and 95 % confidence intervals."),
     ] = 1,
-    jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Runs that fly at once, a process each.")] = 2,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed, over the scenario's.")] = None,
+    jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each.")] = 2,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
     buildings: Buildings = None,
     changes: Changes = None,
     plugin: Plugins = None,
@@ -121,7 +122,7 @@ def pair(
 
 @app.command(epilog="Example: skyrange show runs/squares")
 def show(run: RunFolder, as_json: AsJson = False) -> None:
-    """Say what a run was and how it went; works on killed and unfinished runs too."""
+    """Summarise a run; works for killed and unfinished runs too."""
     commands.show(run, as_json)
 
 
@@ -129,16 +130,16 @@ def show(run: RunFolder, as_json: AsJson = False) -> None:
 def report(
     run: RunFolder,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Where to write it. Default: report.html in the run.")
+        Path | None, typer.Option(metavar="FILE", help="The file to write. Default: report.html in the run's folder.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a run's HTML report: one file, no network needed to read it."""
+    """Write a run's HTML report: one file that needs no network to be read."""
     commands.report(run, out, as_json)
 
 
 class Kind(StrEnum):
-    """Captures that can be made of a run."""
+    """Kinds of capture that can be exported from a run."""
 
     REMOTE_ID = "remote_id"
     MAVLINK = "mavlink"
@@ -149,22 +150,22 @@ def export(
     run: RunFolder,
     only: Annotated[
         Kind | None,
-        typer.Option(metavar="KIND", help="remote_id or mavlink. Default: all that the run has."),
+        typer.Option(metavar="KIND", help="remote_id or mavlink. Default: both, or mavlink if the run has no radio."),
     ] = None,
     receiver: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Of Remote ID only what this one received: a vehicle, a ground receiver or an attack that listens. "
-            "May be repeated. Default: all of them.",
+            help="Export only the Remote ID that this receiver decoded: a vehicle, a ground receiver or an attack. "
+            "May be repeated. Default: all receivers.",
         ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="An existing folder to write to. Default: the run's.")
+        Path | None, typer.Option(metavar="DIR", help="An existing folder to write to. Default: the run's folder.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write captures for Wireshark: remote_id.pcapng as received over the air, mavlink.pcapng of the gcs links."""
+    """Write captures for Wireshark: remote_id.pcapng with received broadcasts, mavlink.pcapng with the gcs links."""
     commands.export(run, only.value if only is not None else None, receiver or [], out, as_json)
 
 
@@ -176,13 +177,13 @@ def diff(
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Compare what was decided, what happened and how it ended, and let times differ by so much: for live "
-            "runs, which do not repeat to the byte. Default: every row has to be the same.",
+            help="Compare decisions, events, outcomes and paths, and let times differ by this much: for live runs, "
+            "which do not repeat to the byte. Default: every row must be the same.",
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare two runs: first differing frame, first differing truth, then the summary. Exits 0 either way."""
+    """Compare two runs: the first frame and the first truth that differ, then a summary. The exit code is always 0."""
     commands.diff(a, b, tolerance, as_json)
 
 
@@ -208,13 +209,13 @@ def schema(plugin: Plugins = None) -> None:
 
 @app.command(epilog="Example: skyrange doctor --json")
 def doctor(as_json: AsJson = False) -> None:
-    """Say what this installation has, and what is missing; compile the numeric kernels once."""
-    commands.doctor(as_json)
+    """Report what this installation has and what is missing, and compile the numeric functions."""
+    installation.doctor(as_json)
 
 
 @install_app.callback()
 def _install() -> None:
-    """Fetch real engines into your data folder."""
+    """Download real engines to your data folder."""
 
 
 @install_app.command(epilog="Example: skyrange install ardupilot --version 4.6.3")
@@ -222,14 +223,14 @@ def ardupilot(
     version: Annotated[
         str | None,
         typer.Option(
-            metavar="V", help="The release to fetch, or what FILE must be. Default: 4.7.0, or whatever FILE is."
+            metavar="V", help="The release to download, or that FILE must be. Default: 4.7.0, or any with FILE."
         ),
     ] = None,
     source: Annotated[
         Path | None,
-        typer.Option("--from", metavar="FILE", help="Take this arducopter for SITL; no network is needed."),
+        typer.Option("--from", metavar="FILE", help="Install this arducopter SITL binary instead; needs no network."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Put ArduPilot's official SITL binary of ArduCopter into your data folder, after checking that it runs."""
-    commands.install_ardupilot(version, source, as_json)
+    """Install ArduPilot's official SITL binary of ArduCopter in your data folder, after a check that it runs."""
+    installation.install_ardupilot(version, source, as_json)

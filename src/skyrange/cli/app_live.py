@@ -1,4 +1,4 @@
-"""Which commands are there for live ranges, and what do they take?"""
+"""Declaration of the commands for live ranges."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ commands = typer.Typer()
 
 
 class Death(StrEnum):
-    """What becomes of a live range in which a node dies."""
+    """What a live range does when a node dies."""
 
     STOP = "stop"
     CONTINUE = "continue"
@@ -47,16 +47,16 @@ def live_(
         Grouping | None,
         typer.Option(
             metavar="HOW",
-            help="Which components share a process: component, none do; operator, those of an operator; host, those "
-            "on a machine; one, all do. "
-            "Default: component while there are at most eight for each core, then operator.",
+            help="Which components share a process: component, none; operator, those of one operator; host, those on "
+            "one machine; one, all. Default: component with at most eight components per core, else operator.",
         ),
     ] = None,
     external: Annotated[
         list[str] | None,
         typer.Option(
             metavar="COMPONENT",
-            help="Start no process for this one, such as blue.gcs: a program of yours is it. May be repeated.",
+            help="Start no process for this component, such as blue.gcs, because a program of yours replaces it. "
+            "May be repeated.",
         ),
     ] = None,
     port_offset: PortOffset = 0,
@@ -64,8 +64,8 @@ def live_(
         Death | None,
         typer.Option(
             metavar="HOW",
-            help="When a process dies: stop the range, continue without it, or restart it, at most three times. "
-            "Default: what the scenario says, else stop.",
+            help="What to do when a process dies: stop the range, continue without it, or restart it (at most three "
+            "times). Default: the scenario's choice, else stop.",
         ),
     ] = None,
     qgc: Qgc = False,
@@ -73,21 +73,21 @@ def live_(
     keys: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="The range's keys, as `skyrange keys` makes them, for hosts that join. No default."
+            metavar="FOLDER", help="Folder of the range's keys, made by `skyrange keys`, for hosts that join."
         ),
     ] = None,
     netns: Annotated[
         bool,
         typer.Option(
             "--netns",
-            help="Give every ground station and every aircraft a network namespace of its own, for tools that work on "
-            "packets (tc, Scapy). Linux, and needs root.",
+            help="Give every ground station and every aircraft its own network namespace, for tools that work on "
+            "packets (tc, Scapy). Linux only; needs root.",
         ),
     ] = False,
     allow_motion: Motion = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario in real time, every component a process of its own on real sockets."""
+    """Run a scenario in real time, with components as separate processes on real sockets."""
     options = {
         "group": group.value if group is not None else None,
         "on_death": on_death and on_death.value,
@@ -105,23 +105,23 @@ def node(
         typer.Option(
             "--join",
             metavar="ADDRESS",
-            help="Where the range is started: its IP address, with :PORT if ports were moved (else 14500).",
+            help="IP address of the machine that starts the range, with :PORT if it is not 14500.",
         ),
     ],
-    key: Annotated[Path, typer.Option(metavar="FILE", help="This machine's secret key, which `skyrange keys` made.")],
+    key: Annotated[Path, typer.Option(metavar="FILE", help="This machine's secret key, made by `skyrange keys`.")],
     address: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="At which IP address the others reach this machine, as hosts in the scenario has it. Default: the one "
-            "from which it reaches the range.",
+            help="IP address at which the other machines reach this one, as in the scenario's hosts. Default: the "
+            "address from which this machine reaches the range.",
         ),
     ] = None,
     wait: Annotated[
-        float, typer.Option(metavar="SECONDS", min=1, max=86_400, help="How long to wait for the range to be started.")
+        float, typer.Option(metavar="SECONDS", min=1, max=86_400, help="How long to wait for the range to start.")
     ] = 60.0,
 ) -> None:
-    """Offer this machine to a live range: it runs there what the scenario's hosts say, until the range ends."""
+    """Let this machine join a live range and run the components that the scenario's hosts assign to it."""
     live.node(range_, key, address, wait)
 
 
@@ -130,15 +130,15 @@ def keys(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder for the range's keys.")],
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="NAME", help="A machine that shall be able to join. May be repeated."),
+        typer.Argument(metavar="NAME", help="A machine that may join. May be repeated."),
     ] = None,
 ) -> None:
-    """Make the keys with which other machines join a live range."""
+    """Create the keys with which other machines join a live range."""
     live.keys(folder, names or [])
 
 
 class Fail(StrEnum):
-    """What becomes of a frame that an external tap's program does not judge."""
+    """What happens to a frame for which an external tap's program returns no verdict."""
 
     OPEN = "open"
     CLOSED = "closed"
@@ -148,25 +148,28 @@ class Fail(StrEnum):
 def tap(
     link: Annotated[str, typer.Argument(metavar="LINK", help="A link of a live range, such as gcs:blue/b1.")],
     listen: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Where a program of yours calls, on the loopback; port 0 takes any.")
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Loopback address at which your program connects; port 0 takes any free port."
+        ),
     ],
     run: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="The range's run folder. Default: the newest live one under runs."),
+        typer.Option(metavar="FOLDER", help="The live range's run folder. Default: the newest one under runs."),
     ] = None,
     hold_ms: Annotated[
-        float, typer.Option(metavar="MS", min=1, max=60_000, help="How long a frame waits for its answer.")
+        float, typer.Option(metavar="MS", min=1, max=60_000, help="How long a frame waits for your program's verdict.")
     ] = 200.0,
     fail: Annotated[
-        Fail, typer.Option(metavar="HOW", help="A frame without an answer passes (open) or is dropped (closed).")
+        Fail, typer.Option(metavar="HOW", help="A frame without a verdict passes (open) or is dropped (closed).")
     ] = Fail.OPEN,
-    name: Annotated[str, typer.Option(metavar="NAME", help="What labels call it.")] = "tap-process",
+    name: Annotated[str, typer.Option(metavar="NAME", help="The tap's name in labels.")] = "tap-process",
     wait_s: Annotated[
-        float, typer.Option("--wait", metavar="S", min=0, max=3600, help="How long to wait for the range to be there.")
+        float, typer.Option("--wait", metavar="S", min=0, max=3600, help="How long to wait for the range.")
     ] = 60.0,
     as_json: AsJson = False,
 ) -> None:
-    """Put a program of yours, in any language, on a link of a live range: it sees, alters, drops, delays, injects."""
+    """Put your own program, in any language, on a link of a live range: it can alter, drop, delay and inject frames."""
     tapping.tap(link, listen, run, hold_ms, fail.value, name, wait_s, as_json)
 
 
@@ -174,9 +177,9 @@ def tap(
 def merge(
     run: RunFolder,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="A folder, empty or new. Default: RUN-merged, beside it.")
+        Path | None, typer.Option(metavar="DIR", help="An empty or new folder. Default: RUN-merged, beside RUN.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make one record of what the processes of a live range left behind that was killed."""
+    """Merge what the processes of a killed live range left behind into one record."""
     live.merge(run, out, as_json)

@@ -1,4 +1,4 @@
-"""Which commands measure the range, and what do they take?"""
+"""Declaration of the benchmark and parity commands."""
 
 from __future__ import annotations
 
@@ -8,27 +8,30 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import bench_live, commands, parity
+from skyrange.cli import bench_live, benchmarks, parity
 from skyrange.cli.options import AsJson, Changes, Grouping, PortOffset, ScenarioName
 
 bench_app = typer.Typer(
-    help="Measure how fast this machine runs the range.\n\nExample: skyrange bench fleet --vehicles 100 --seconds 30",
+    help="Measure how fast skyrange runs on this machine.\n\nExample: skyrange bench fleet --vehicles 100 --seconds 30",
     no_args_is_help=True,
 )
 parity_app = typer.Typer(
-    help="Compare the builtin autopilot with ArduPilot, and ArduPilot with itself at other rates.\n\n"
+    help="Compare the builtin autopilot with ArduPilot, and ArduPilot at different loop rates.\n\n"
     "Example: skyrange parity gnss --out runs/gnss",
     no_args_is_help=True,
 )
 
 
 OnAir = Annotated[
-    bool, typer.Option("--remote-id", help="Among buildings, with Remote ID over the radio medium, all listening.")
+    bool,
+    typer.Option(
+        "--remote-id", help="Fly among buildings, with Remote ID over the radio medium and all aircraft listening."
+    ),
 ]
 
 
 class Rates(StrEnum):
-    """Loop rates of ArduPilot, as in `options.ardupilot.rates`."""
+    """Loop rates of ArduPilot, the values of `options.ardupilot.rates`."""
 
     FULL = "full"
     SINGLE = "single"
@@ -36,28 +39,28 @@ class Rates(StrEnum):
 
 
 class OtherRates(StrEnum):
-    """Those that are not its own."""
+    """Loop rates that are not ArduPilot's own."""
 
     SINGLE = "single"
     REDUCED = "reduced"
 
 
 class Physics(StrEnum):
-    """Whose forces move the ArduPilots of the benchmark."""
+    """Physics that moves the aircraft of the ArduPilot benchmark."""
 
     SHARED = "shared"
     NATIVE = "native"
 
 
 class Load(StrEnum):
-    """Telemetry profiles that the benchmark measures."""
+    """Telemetry profiles of the benchmarks."""
 
     LIGHT = "light"
     OPERATOR = "operator"
 
 
 Telemetry = Annotated[
-    Load, typer.Option(metavar="LOAD", help="Telemetry asked for: light, or operator, what QGroundControl asks.")
+    Load, typer.Option(metavar="LOAD", help="Telemetry profile: light, or operator, which QGroundControl requests.")
 ]
 
 
@@ -65,7 +68,7 @@ Telemetry = Annotated[
 def fleet(
     vehicles: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 1, 10, 100 and 1000."),
+        typer.Option(metavar="N", min=1, help="Number of aircraft. May be repeated. Default: 1, 10, 100 and 1000."),
     ] = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 30.0,
     load: Telemetry = Load.LIGHT,
@@ -75,15 +78,15 @@ def fleet(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
-    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, detector, as_json)
+    """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, time per component."""
+    benchmarks.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, detector, as_json)
 
 
 @bench_app.command("ardupilot", epilog="Example: skyrange bench ardupilot --vehicles 5 --rates reduced --json")
 def ardupilots(
     vehicles: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 1, 5 and 20."),
+        typer.Option(metavar="N", min=1, help="Number of aircraft. May be repeated. Default: 1, 5 and 20."),
     ] = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 20.0,
     load: Telemetry = Load.LIGHT,
@@ -91,20 +94,21 @@ def ardupilots(
         Rates,
         typer.Option(
             metavar="RATES",
-            help="full, ArduCopter's own loop at 400 Hz, single, one exchange in its turn, or reduced, 100 Hz.",
+            help="full: ArduCopter's own loop at 400 Hz; single: 400 Hz with one exchange per turn; reduced: 100 Hz.",
         ),
     ] = Rates.FULL,
     physics: Annotated[
-        Physics, typer.Option(metavar="KIND", help="shared, our world in lockstep, or native, ArduPilot's simulation.")
+        Physics,
+        typer.Option(metavar="KIND", help="shared: skyrange's world in lockstep; native: ArduPilot's simulation."),
     ] = Physics.SHARED,
     speedup: Annotated[
-        float, typer.Option(metavar="X", min=0.1, max=100.0, help="With native physics: times real time.")
+        float, typer.Option(metavar="X", min=0.1, max=100.0, help="With native physics: speed relative to real time.")
     ] = 1.0,
     remote_id: OnAir = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly N ArduPilots on missions with everything recorded: real-time factor, processor time, theirs and ours."""
-    commands.bench_ardupilot(
+    """Fly N ArduPilots on missions with everything recorded: real-time factor, CPU time of ArduPilot and skyrange."""
+    benchmarks.bench_ardupilot(
         vehicles or [1, 5, 20], seconds, load.value, rates.value, physics.value, speedup, remote_id, as_json
     )
 
@@ -113,18 +117,18 @@ def ardupilots(
 def live_bench(
     vehicles: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=1, help="Aircraft; may be repeated. Default: 5 and 20."),
+        typer.Option(metavar="N", min=1, help="Number of aircraft. May be repeated. Default: 5 and 20."),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(metavar="S", min=1.0, help="Seconds to fly, after 30 in which all take off.")
+        float, typer.Option(metavar="S", min=1.0, help="Seconds to measure, after 30 s in which all aircraft take off.")
     ] = 30.0,
     group: Annotated[
-        Grouping | None, typer.Option(metavar="HOW", help="As of skyrange live: component, operator, host or one.")
+        Grouping | None, typer.Option(metavar="HOW", help="As for skyrange live: component, operator, host or one.")
     ] = None,
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
 ) -> None:
-    """What a live range carries: each transport's frames per second and added latency; do N aircraft hold real time."""
+    """Measure each transport's frame rate and added latency, and whether N aircraft run in real time."""
     bench_live.live(vehicles or [5, 20], seconds, group.value if group is not None else None, port_offset, as_json)
 
 
@@ -132,16 +136,19 @@ def live_bench(
 def radio(
     nodes: Annotated[
         list[int] | None,
-        typer.Option(metavar="N", min=2, help="Radios; may be repeated. Default: 10, 100 and 1000."),
+        typer.Option(metavar="N", min=2, help="Number of radios. May be repeated. Default: 10, 100 and 1000."),
     ] = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 10.0,
     horizon_m: Annotated[
-        float, typer.Option("--horizon", metavar="M", min=1.0, help="Metres beyond which nobody hears anybody.")
+        float,
+        typer.Option(
+            "--horizon", metavar="M", min=1.0, help="Greatest distance in metres at which radios receive each other."
+        ),
     ] = 500.0,
     as_json: AsJson = False,
 ) -> None:
-    """Broadcast once a second from N aircraft over a city of their own size: what the air costs, and what of it."""
-    commands.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, as_json)
+    """Measure the radio medium with N aircraft that broadcast once per second over a city sized to their number."""
+    benchmarks.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, as_json)
 
 
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")
@@ -149,12 +156,12 @@ def flight(
     scenario: ScenarioName,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="A folder for both runs. Default: runs/NAME-parity, then -2 …"),
+        typer.Option(metavar="DIR", help="Folder for both runs. Default: runs/NAME-parity, then -2 …"),
     ] = None,
     changes: Changes = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario with all aircraft under each of the two: modes, legs, heights, speeds, attitudes, deviations."""
+    """Fly a scenario with each autopilot and compare modes, legs, heights, speeds, attitudes and deviations."""
     parity.flight(scenario, out, changes or [], as_json)
 
 
@@ -163,16 +170,16 @@ def loop_rates(
     scenario: ScenarioName,
     rates: Annotated[
         OtherRates,
-        typer.Option(metavar="RATES", help="reduced, 100 Hz, or single, 400 Hz with one exchange in a turn."),
+        typer.Option(metavar="RATES", help="reduced: 100 Hz; single: 400 Hz with one exchange per turn."),
     ] = OtherRates.REDUCED,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="A folder for both runs. Default: runs/NAME-rates, then -2 …"),
+        typer.Option(metavar="DIR", help="Folder for both runs. Default: runs/NAME-rates, then -2 …"),
     ] = None,
     changes: Changes = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario with all aircraft under ArduPilot, at its own rates and at cheaper ones: what does that change?"""
+    """Fly a scenario with ArduPilot at its own loop rates and at cheaper ones, and compare the flights."""
     parity.rates(scenario, rates.value, out, changes or [], as_json)
 
 
@@ -180,13 +187,15 @@ def loop_rates(
 def gnss(
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="A folder for the run. Default: runs/gnss-reactions, then -2 …"),
+        typer.Option(metavar="DIR", help="Folder for the run. Default: runs/gnss-reactions, then -2 …"),
     ] = None,
     rates: Annotated[
         Rates,
-        typer.Option(metavar="RATES", help="ArduPilot's: reduced, 100 Hz, or full or single, 400 Hz; takes longer."),
+        typer.Option(
+            metavar="RATES", help="ArduPilot's loop rates: reduced, 100 Hz; full or single, 400 Hz, take longer."
+        ),
     ] = Rates.REDUCED,
     as_json: AsJson = False,
 ) -> None:
-    """Deceive both in a hundred ways, by jumps and drifts of GNSS: same outcome? reset at the same time?"""
+    """Compare the reactions of both autopilots to a hundred jumps and drifts of GNSS: outcomes and times of resets."""
     parity.gnss(out, rates.value, as_json)

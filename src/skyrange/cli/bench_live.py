@@ -1,4 +1,4 @@
-"""What does `skyrange bench live` print? First the transports, then a row per live range."""
+"""The command `skyrange bench live`: a table of the transports, then one table per live range."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.commands import print_json, terminal
+from skyrange.cli.console import print_json, terminal
 from skyrange.cli.progress import progress
 from skyrange.core.time import NS_PER_S
 
@@ -71,25 +71,25 @@ def _transports(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _range(row: Mapping[str, Any]) -> Table:
-    """One range as facts, a line each."""
+    """The measures of one range, one per row."""
     held = "held real time" if row["held"] else f"fell behind ({', '.join(row['fell_behind'])})"
     table = _table(
         f"{row['vehicles']} aircraft in {row['processes']} processes: {held}", ("measure", "value"), ("measure",)
     )
-    elsewhere = row["elsewhere_cores"]
+    other_cores = row["elsewhere_cores"]
     busiest = ", ".join(f"{name} {share:.2f}" for name, share in row["cores_by_process"].items())
-    facts = {
+    measures = {
         "behind at most": f"{row['max_lag_s']:.3f} s",
         "cores": f"{row['cores']:.2f}",
         "the busiest": busiest,
-        "cores taken by others": "unknown" if elsewhere is None else f"{elsewhere:.2f}",
+        "cores taken by others": "unknown" if other_cores is None else f"{other_cores:.2f}",
         "aircraft per core": f"{row['aircraft_per_core']}",
         "flying": f"{row['flying']}",
         "frames per second": f"{row['frames_per_s']:,.0f}, over sockets {row['crossings_per_s']:,.0f}",
         "to start, to end": f"{row['start_s']:.1f} s, {row['end_s']:.1f} s",
     }
     for kind, own in row["added_ms"].items():
-        facts[f"added on {kind}"] = f"{own['median']:.1f} ms, 99 % within {own['p99']:.1f} ms"
-    for name, said in facts.items():
-        table.add_row(name, said)
+        measures[f"added on {kind}"] = f"{own['median']:.1f} ms, 99 % within {own['p99']:.1f} ms"
+    for name, value in measures.items():
+        table.add_row(name, value)
     return table

@@ -1,4 +1,4 @@
-"""What does `skyrange live` show while a range flies? A table of its nodes: address, state, rate, lag."""
+"""The commands for live ranges, and the table of nodes that `skyrange live` shows during a run."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.commands import print_json, print_summary, tell_if_cold
-from skyrange.cli.live_viewing import invite, see_off
-from skyrange.cli.outside import tell_if_held_back
+from skyrange.cli.console import print_json, tell_if_cold
+from skyrange.cli.live_viewing import print_viewer_addresses, print_viewer_counts
+from skyrange.cli.outside import print_interlock_notice
+from skyrange.cli.summary import print_summary
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from skyrange.runtime.live.addresses import Crossing
     from skyrange.runtime.live.range import OnLook, Range
 
-MOST_ROWS = 40
+MAX_ROWS = 40
 
 
 def live(
@@ -50,19 +51,19 @@ def live(
     tell_if_cold(quiet=as_json)
     own = load_range(keys) if keys is not None else None
     flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
-    invite(flown)
+    print_viewer_addresses(flown)
     failure: ShortfallError | ComponentError | None = None
-    with _shown(flown, quiet=as_json) as on_look:
+    with _show_progress(flown, quiet=as_json) as on_look:
         try:
             fly(flown, on_look)
         except (ShortfallError, ComponentError) as error:
             failure = error
-    see_off(flown)
+    print_viewer_counts(flown)
     try:
         record = load_run(flown.folder)
         write_report(record, flown.folder / "report.html")
     except (SkyrangeError, OSError):
-        if failure is not None:  # which is why
+        if failure is not None:  # the cause
             raise failure from None
         raise
     facts = {**summary(record), "live": record.manifest["live"]}
@@ -70,16 +71,16 @@ def live(
         print_json(facts)
     else:
         print_summary(facts)
-        tell_if_held_back(record.manifest)
+        print_interlock_notice(record.manifest)
         behind = facts["live"]["fell_behind"]
         if behind:
             late = facts["live"]["late_max_s"]
-            said = ", ".join(f"{node} by {late[node]:.1f} s" for node in behind)
-            print(f"fell behind real time: {said}", file=sys.stderr)
+            nodes = ", ".join(f"{node} by {late[node]:.1f} s" for node in behind)
+            print(f"fell behind real time: {nodes}", file=sys.stderr)
         for address, clock in facts["live"]["clocks"].items():
             for jump in clock["jumps"]:
-                said = f"the clock of {address} jumped by {jump['by_s']:+.1f} s at {jump['at_s']:.1f} s"
-                print(f"{said}; it was set, or its machine slept", file=sys.stderr)
+                jumped = f"the clock of {address} jumped by {jump['by_s']:+.1f} s at {jump['at_s']:.1f} s"
+                print(f"{jumped}; it was set, or the machine was suspended", file=sys.stderr)
     if failure is not None:
         raise failure
 
@@ -111,10 +112,10 @@ def keys(folder: Path, names: Sequence[str]) -> None:
 
     made = make_range_keys(folder, names)
     if not made:
-        print(f"{folder} has a range's keys already; name the machines that shall join", file=sys.stderr)
+        print(f"{folder} already has a range's keys; name the machines that may join", file=sys.stderr)
     for path in made:
-        goes = "stays here" if path.stem == RANGE else "goes to that machine, and to nobody else"
-        print(f"{path}  {goes}")
+        use = "stays on this machine" if path.stem == RANGE else "copy it to that machine only"
+        print(f"{path}  {use}")
 
 
 def merge(folder: Path, out: Path | None, as_json: bool) -> None:
@@ -124,7 +125,7 @@ def merge(folder: Path, out: Path | None, as_json: bool) -> None:
     from skyrange.study.report import write_report
     from skyrange.study.summary import summary
 
-    folder = folder.resolve()  # "." has a name too
+    folder = folder.resolve()  # so that "." has a name
     into = out if out is not None else folder.with_name(f"{folder.name}-merged")
     rejoin(folder, into)
     record = load_run(into)
@@ -137,8 +138,8 @@ def merge(folder: Path, out: Path | None, as_json: bool) -> None:
 
 
 @contextmanager
-def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
-    """On a terminal the table, elsewhere a line when all fly and every ten seconds."""
+def _show_progress(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
+    """Show the table on a terminal; elsewhere print a line at the start and every ten seconds."""
     if quiet:
         yield None
     elif sys.stderr.isatty():
@@ -148,16 +149,16 @@ def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
         with Live(_table(flown), console=Console(stderr=True), refresh_per_second=4) as shown:
             yield lambda now: shown.update(_table(now))
     else:
-        said, waited = -2, False
+        printed, waited = -2, False
 
         def tell(now: Range) -> None:
-            nonlocal said, waited
+            nonlocal printed, waited
             if now.waits_for and not waited:
                 waited = True
-                print(_waiting(now), file=sys.stderr, flush=True)
+                print(_format_waiting(now), file=sys.stderr, flush=True)
             tens = int(now.now_s // 10) if now.zero_ns else -1
-            if tens > said and now.members:
-                said = tens
+            if tens > printed and now.members:
+                printed = tens
                 states = [member.state for member in now.members.values()]
                 counted = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
                 at = f"{max(now.now_s, 0.0):.0f} of {now.rig.scenario.duration_s:.0f} s"
@@ -166,33 +167,33 @@ def _shown(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
         yield tell
 
 
-def _place(crossing: Crossing) -> str:
+def _format_address(crossing: Crossing) -> str:
     from skyrange.io.ends import is_loopback
 
     host, port = crossing.address
     return f"{crossing.transport} {port}" if is_loopback(host) else f"{crossing.transport} {host}:{port}"
 
 
-def _waiting(flown: Range) -> str:
+def _format_waiting(flown: Range) -> str:
     where = f"{flown.plan.base}:{flown.control_port}"
     return f"waiting for {', '.join(flown.waits_for)}: run `skyrange node --join {where} --key FILE` there"
 
 
 def _table(flown: Range) -> Table:
-    """One row per node."""
+    """A table with one row per node."""
     from rich.table import Table
 
     at = f"{max(flown.now_s, 0.0):.0f} of {flown.rig.scenario.duration_s:.0f} s"
     table = Table(title=f"{flown.rig.scenario.name}: {at}", title_justify="left", title_style="bold")
     for column in ("node", "listens at", "state"):
         table.add_column(column, no_wrap=column != "listens at")
-    for column in ("sent/s", "heard/s", "lag", "core"):
+    for column in ("sent/s", "received/s", "lag", "core"):
         table.add_column(column, justify="right", no_wrap=True)
     seconds = max(flown.now_s, 1.0)
-    homes = {node.name: node.endpoints for node in flown.plan.nodes}
-    for name, member in list(flown.members.items())[:MOST_ROWS]:
-        own = [one for one in flown.crossings if one.listener in homes[name]]
-        places = ", ".join(_place(one) for one in own[:4]) + (" …" if len(own) > 4 else "")
+    endpoints = {node.name: node.endpoints for node in flown.plan.nodes}
+    for name, member in list(flown.members.items())[:MAX_ROWS]:
+        own = [one for one in flown.crossings if one.listener in endpoints[name]]
+        places = ", ".join(_format_address(one) for one in own[:4]) + (" …" if len(own) > 4 else "")
         status = member.status
         table.add_row(
             name,
@@ -207,10 +208,10 @@ def _table(flown: Range) -> Table:
         table.add_row(f"at {address}", "", "awaited", "", "", "", "")
     for name in sorted(flown.plan.outside):
         own = [one for one in flown.crossings if one.listener.startswith(name)]
-        table.add_row(name, ", ".join(_place(one) for one in own[:4]), "outside", "", "", "", "")
+        table.add_row(name, ", ".join(_format_address(one) for one in own[:4]), "outside", "", "", "", "")
     late = max((to_seconds(int(member.status.get("late_ns", 0))) for member in flown.members.values()), default=0.0)
     if flown.waits_for:
-        table.caption = _waiting(flown)
+        table.caption = _format_waiting(flown)
         return table
     table.caption = f"at most {late:.2f} s behind real time" if late > 0.1 else None
     return table

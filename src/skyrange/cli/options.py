@@ -1,4 +1,4 @@
-"""What do several commands take? Their common arguments and options."""
+"""Arguments and options common to several commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder."
 
 
 def complete_scenario(incomplete: str) -> list[str]:
-    """Shipped scenarios that begin so, for the shell."""
+    """Names of shipped scenarios that begin with `incomplete`, for shell completion."""
     from skyrange.scenario.catalogue import SHIPPED
 
     return [name for name in SHIPPED if name.startswith(incomplete)]
@@ -23,23 +23,27 @@ ScenarioName = Annotated[
     str,
     typer.Argument(
         metavar="NAME|FILE",
-        help="A shipped scenario's name (see `skyrange scenarios`) or a TOML file.",
+        help="Name of a shipped scenario (see `skyrange scenarios`) or a TOML file.",
         autocompletion=complete_scenario,
         show_default=False,
     ),
 ]
 RunOut = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="The run's folder, empty or new. Default: runs/NAME, then runs/NAME-2 …"),
+    typer.Option(metavar="DIR", help="The run's folder; must be empty or new. Default: runs/NAME, then runs/NAME-2 …"),
 ]
-Seed = Annotated[int | None, typer.Option(metavar="N", help="Chance of the run, over the scenario's.")]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of the run; overrides the scenario's.")]
 Buildings = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="Fly over this GeoJSON city; the origin moves to its centre."),
+    typer.Option(metavar="FILE", help="GeoJSON file of the city to use; the origin moves to its centre."),
 ]
 Changes = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; * in the path means all. May be repeated."),
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Change a value of the scenario; * in the path matches all. May be repeated.",
+    ),
 ]
 Plugins = Annotated[
     list[Path] | None,
@@ -51,7 +55,9 @@ Plugins = Annotated[
 ]
 Qgc = Annotated[
     bool,
-    typer.Option("--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, at a TCP port per aircraft."),
+    typer.Option(
+        "--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, on one TCP port per aircraft."
+    ),
 ]
 ViewerPort = Annotated[
     int | None,
@@ -59,23 +65,23 @@ ViewerPort = Annotated[
         metavar="N",
         min=0,
         max=65_535,
-        help="The first of those ports, each next aircraft's is 10 higher; 0 takes any. Implies --qgc. "
-        "Default: 5763, and a --port-offset.",
+        help="The first of those ports; each further aircraft's is 10 higher. 0 takes any free ports. Implies --qgc. "
+        "Default: 5763 plus --port-offset.",
     ),
 ]
 Motion = Annotated[
     bool,
     typer.Option(
         "--allow-motion",
-        help="Let arming and motion commands through to external vehicles, where the scenario says allow_motion too. "
-        "Such a vehicle can hurt somebody.",
+        help="Pass arming and motion commands to external vehicles, if the scenario sets allow_motion too. A real "
+        "vehicle that moves can injure people.",
     ),
 ]
-PortOffset = Annotated[int, typer.Option(metavar="N", min=-5000, max=35_000, help="Added to every port.")]
+PortOffset = Annotated[int, typer.Option(metavar="N", min=-5000, max=35_000, help="Number added to every port.")]
 
 
 class Grouping(StrEnum):
-    """How a live range's components share processes."""
+    """How the components of a live range share processes."""
 
     COMPONENT = "component"
     OPERATOR = "operator"

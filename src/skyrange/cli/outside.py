@@ -1,4 +1,4 @@
-"""What does one have to be told whose aircraft are real? That they were held back, and what it would take."""
+"""Notice that the interlock held external vehicles back, and what would open it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def tell_if_held_back(manifest: Mapping[str, Any]) -> None:
-    """Say that external vehicles were not let move, if there were any."""
+def print_interlock_notice(manifest: Mapping[str, Any]) -> None:
+    """Print which external vehicles could not be armed or moved, and what is required for it."""
     for engine in manifest.get("engines", ()):
         lock = engine.get("interlock", {})
         if lock.get("state") == "closed":
-            wanting = [] if lock["scenario"] else ["allow_motion in the scenario"]
-            wanting += [] if lock["command_line"] else ["--allow-motion"]
-            told = ", ".join(engine["vehicles"])
-            print(f"interlock closed: {told} cannot be armed or moved without {' and '.join(wanting)}", file=sys.stderr)
+            missing = [] if lock["scenario"] else ["allow_motion in the scenario"]
+            missing += [] if lock["command_line"] else ["--allow-motion"]
+            vehicles = ", ".join(engine["vehicles"])
+            print(
+                f"interlock closed: {vehicles} cannot be armed or moved without {' and '.join(missing)}",
+                file=sys.stderr,
+            )

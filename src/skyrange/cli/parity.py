@@ -1,4 +1,4 @@
-"""What do `skyrange parity flight` and `skyrange parity gnss` print?"""
+"""The commands `skyrange parity flight`, `parity rates` and `parity gnss`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.commands import print_json, terminal
+from skyrange.cli.console import print_json, terminal
 
 if TYPE_CHECKING:
     from skyrange.study.parity import Flown, Parity
@@ -26,7 +26,7 @@ def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -
     folder = out if out is not None else free_folder(f"{scenario.name}-parity")
     with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
         parity = compare(scenario, folder, on_progress=on_progress)
-    _tell(scenario.name, parity, {"builtin": "the builtin", "ArduPilot": "ArduPilot"}, folder, as_json)
+    _print_parity(scenario.name, parity, {"builtin": "the builtin", "ArduPilot": "ArduPilot"}, folder, as_json)
 
 
 def rates(name: str, other: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
@@ -40,11 +40,11 @@ def rates(name: str, other: str, out: Path | None, changes: Sequence[str], as_js
     folder = out if out is not None else free_folder(f"{scenario.name}-rates")
     with progress(f"{scenario.name}, twice", quiet=as_json) as on_progress:
         parity = compare_rates(scenario, folder, other, on_progress=on_progress)
-    _tell(scenario.name, parity, {"full": "full rates", other: f"{other} rates"}, folder, as_json)
+    _print_parity(scenario.name, parity, {"full": "full rates", other: f"{other} rates"}, folder, as_json)
 
 
-def _tell(scenario: str, parity: Parity, names: Mapping[str, str], folder: Path, as_json: bool) -> None:
-    """What two flights have in common, and what not; `names` are what stands above each, and what a sentence says."""
+def _print_parity(scenario: str, parity: Parity, names: Mapping[str, str], folder: Path, as_json: bool) -> None:
+    """Print how two flights compare; `names` are the column headings with the names for sentences."""
     from rich.table import Table
 
     first, second = names.values()

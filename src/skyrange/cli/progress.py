@@ -1,4 +1,4 @@
-"""How does a person see that a run goes on? A bar on a terminal, a line now and then elsewhere."""
+"""Progress of runs and downloads: a bar on a terminal, occasional lines elsewhere."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OnBytes = Callable[[int, int | None], None]
 
 @contextmanager
 def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
-    """Gives what `fly` calls as it goes. On standard error, so that output can be piped."""
+    """Yield the progress callback for `fly`. It writes to standard error, so that output can be piped."""
     if quiet:
         yield None
     elif sys.stderr.isatty():
@@ -61,7 +61,7 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
 
 @contextmanager
 def together(name: str, flights: int, *, quiet: bool) -> Iterator[OnShare | None]:
-    """The same for several flights at once: one bar, or line, for all of them."""
+    """Yield a progress callback for several parallel runs, with one bar or line for all of them."""
     with progress(f"{name}, {flights} runs", quiet=quiet) as show:
         if show is None:
             yield None
@@ -77,7 +77,7 @@ def together(name: str, flights: int, *, quiet: bool) -> Iterator[OnShare | None
 
 @contextmanager
 def transfer(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
-    """The same for a file that comes in: bytes done, and their sum if it is known."""
+    """Yield a progress callback for a download: bytes done, and the total if it is known."""
     if quiet:
         yield None
     elif sys.stderr.isatty():

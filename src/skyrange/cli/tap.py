@@ -1,4 +1,4 @@
-"""What does `skyrange tap` do at a terminal? It stands on a link until the range ends, and says what it did."""
+"""The command `skyrange tap`: serves an external tap until the range ends, then prints what it did."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from skyrange.cli.commands import print_json
+from skyrange.cli.console import print_json
 
 
 def tap(
@@ -24,19 +24,19 @@ def tap(
         terms = Terms.model_validate(given)
     except ValidationError as error:
         raise InputError.one("tap", "--name", name, "1 to 32 letters, digits, '-' or '_'") from error
-    tapping = Tapping(terms, loopback(listen), run or newest(), wait_s)
+    tapping = Tapping(terms, loopback(listen), run or newest_live_run(), wait_s)
     try:
         tapping.serve(lambda line: print(line, file=sys.stderr, flush=True))
     except KeyboardInterrupt:
-        print("tap: taken off the link", file=sys.stderr)
+        print("tap: removed from the link", file=sys.stderr)
     if as_json:
         print_json(dict(tapping.counts))
     else:
-        print(f"{link}: " + (", ".join(f"{count} {what}" for what, count in tapping.counts.items()) or "no word"))
+        print(f"{link}: " + (", ".join(f"{count} {what}" for what, count in tapping.counts.items()) or "no frames"))
 
 
-def newest() -> Path:
-    """The newest live range's folder under `runs`. `InputError` where there is none."""
+def newest_live_run() -> Path:
+    """The folder of the newest live range under `runs`; raises `InputError` if there is none."""
     from skyrange.core.errors import InputError
     from skyrange.record.folder import PARTS
 

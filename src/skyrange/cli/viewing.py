@@ -1,4 +1,4 @@
-"""How does a person come to watch a run? Where to connect with what, and at the end what viewers did."""
+"""Messages about viewers of a run: where to connect, and at the end what viewers did."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from skyrange.runtime.viewers import Address, Viewers
     from skyrange.scenario.schema import Scenario
 
-MOST_LINES = 60
+MAX_LINES = 60
 
 
 @contextmanager
-def watchable(scenario: Scenario, wanted: bool, first_port: int | None) -> Iterator[Viewers | None]:
-    """Gives the viewers' ports for `fly`, if `wanted`. What it says goes to standard error, as progress does."""
-    for line in warning(scenario):
+def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None) -> Iterator[Viewers | None]:
+    """Open the viewers' ports for `fly`, if `wanted`. Messages go to standard error, like progress."""
+    for line in open_port_warning(scenario):
         print(line, file=sys.stderr, flush=True)
     if not wanted:
         yield None
@@ -30,20 +30,20 @@ def watchable(scenario: Scenario, wanted: bool, first_port: int | None) -> Itera
 
     system_ids = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in scenario.fleet}
     with Viewers(list(system_ids), FIRST_PORT if first_port is None else first_port) as viewers:
-        for line in invitation(viewers.addresses, system_ids):
+        for line in viewer_address_lines(viewers.addresses, system_ids):
             print(line, file=sys.stderr, flush=True)
         yield viewers
     if viewers.counts.viewers:
-        print(farewell(viewers.counts), file=sys.stderr)
+        print(viewer_counts_text(viewers.counts), file=sys.stderr)
 
 
-def invitation(addresses: Sequence[Address], system_ids: dict[str, int]) -> list[str]:
-    """Where each aircraft is watched, and how."""
-    lines = ["watch, read-only (what a viewer sends is thrown away):"]
+def viewer_address_lines(addresses: Sequence[Address], system_ids: dict[str, int]) -> list[str]:
+    """Lines that say where and how each aircraft can be watched."""
+    lines = ["watch, read-only (what a viewer sends is discarded):"]
     width = max((len(vehicle) for vehicle in system_ids), default=0)
-    for vehicle, host, port in addresses[:MOST_LINES]:
+    for vehicle, host, port in addresses[:MAX_LINES]:
         lines.append(f"  {vehicle:<{width}}  tcp {host}:{port}  system id {system_ids[vehicle]}")
-    if len(addresses) > MOST_LINES:
+    if len(addresses) > MAX_LINES:
         last = addresses[-1]
         lines.append(f"  … and so on, to {last.vehicle} at {last.port}")
     if addresses:
@@ -51,12 +51,12 @@ def invitation(addresses: Sequence[Address], system_ids: dict[str, int]) -> list
         lines.append(f"  MAVProxy: mavproxy.py --master=tcp:{host}:{port}")
         lines.append(f"  QGroundControl: Application Settings, Comm Links, Add: type TCP, server {host}, port {port}")
     if any(count > 1 for count in Counter(system_ids.values()).values()):
-        lines.append("  a ground station that is connected to several aircraft of one system id takes them for one")
+        lines.append("  some system ids recur: connect a ground station to one aircraft of each, or it mixes them up")
     return lines
 
 
-def warning(scenario: Scenario) -> list[str]:
-    """What to know where autopilots listen themselves."""
+def open_port_warning(scenario: Scenario) -> list[str]:
+    """Lines that warn of autopilots that listen on network ports themselves."""
     from skyrange.vehicle.spec import AutopilotPlugin
 
     ports: list[str] = []
@@ -69,16 +69,16 @@ def warning(scenario: Scenario) -> list[str]:
     return [
         "WARNING: these autopilots listen on ALL network interfaces and obey whoever connects. Their heartbeats hide",
         "a lost ground station, and the run does not repeat:",
-        *ports[:MOST_LINES],
-        *([f"  … and {len(ports) - MOST_LINES} more"] if len(ports) > MOST_LINES else []),
+        *ports[:MAX_LINES],
+        *([f"  … and {len(ports) - MAX_LINES} more"] if len(ports) > MAX_LINES else []),
     ]
 
 
-def farewell(counts: Counts) -> str:
-    """What viewers did."""
-    said = f"viewers: {counts.viewers} came and sent {counts.bytes_ignored:,} bytes that nobody heard"
+def viewer_counts_text(counts: Counts) -> str:
+    """The number of viewers, and the data that was discarded, as text."""
+    text = f"viewers: {counts.viewers} connected; {counts.bytes_ignored:,} bytes that they sent were discarded"
     if counts.frames_lost:
-        said += f"; {counts.frames_lost:,} frames were too many for those that read slowly"
+        text += f"; {counts.frames_lost:,} frames were dropped because a viewer read too slowly"
     if counts.turned_away:
-        said += f"; {counts.turned_away} more were turned away"
-    return said
+        text += f"; {counts.turned_away} more were refused"
+    return text

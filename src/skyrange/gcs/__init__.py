@@ -1,1 +1,1 @@
-"""How does an operator fly? Plans, their volumes, and the ground station that carries them out."""
+"""Ground control station: flight plans, mission transfer, flight sequencing, telemetry and the traffic picture."""

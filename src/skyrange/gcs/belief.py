@@ -1,4 +1,4 @@
-"""What does a ground station believe about its aircraft? The last thing each message told it, a row per aircraft."""
+"""Ground station's belief: the state of each aircraft as its telemetry last reported it, one row per aircraft."""
 
 from __future__ import annotations
 
@@ -13,59 +13,62 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, Time
 
 _ARMED: Final = mav.MAV_MODE_FLAG_SAFETY_ARMED
-_BELIEF: Final = np.dtype(
+_ROW: Final = np.dtype(
     [
-        ("watch", "i8"),  # a Watch: what its pilot wants to see itself
-        ("heard_ns", "i8"),  # when its last heartbeat was read
-        ("armed", "i8"),  # 0, 1, or -1 never told
-        ("mode", "i8"),  # -1 never told
+        ("watch", "i8"),  # a Watch: the messages that its flight sequencer must see
+        ("heard_ns", "i8"),  # when its last heartbeat was received
+        ("armed", "i8"),  # 0, 1, or -1 before the first heartbeat
+        ("mode", "i8"),  # -1 before the first heartbeat
         ("beat_seq", "i8"),
         ("disarmed_beats", "i8"),
         ("position_ns", "i8"),
         ("item_ns", "i8"),
-        ("item", "i8"),  # -1 never told
+        ("item", "i8"),  # -1 before the first MISSION_CURRENT
         ("farthest_item", "i8"),
         ("frames", "i8"),
         ("bad", "i8"),
         ("foreign", "i8"),
-        ("read_ns", "i8"),  # when its pilot last read a frame itself
+        ("read_ns", "i8"),  # when its flight sequencer was last handed a frame
     ]
 )
 
 
 class Watch(IntFlag):
-    """Which messages may mean something to a pilot even when they say nothing new."""
+    """Messages that a flight sequencer must see even if they repeat known values."""
 
     NONE = 0
     HEARTBEAT = 1
     POSITION = 2
     COMPLETE = 4
-    """MISSION_CURRENT that says the mission is complete."""
+    """MISSION_CURRENT that reports the mission as complete."""
 
 
 class Beliefs:
-    """What a station believes about all its aircraft, by place; `gcs.reading` fills it from columns of frames."""
+    """The beliefs of a station about all its aircraft, by index; `gcs.reading` updates them in columns."""
 
     def __init__(self, count: int) -> None:
-        self.table: NDArray[Any] = np.zeros(count, dtype=_BELIEF)
+        self.table: NDArray[Any] = np.zeros(count, dtype=_ROW)
         for name in ("armed", "mode", "item", "beat_seq"):
             self.table[name] = -1
         for name in ("heard_ns", "position_ns", "item_ns", "read_ns"):
             self.table[name] = -NEVER
 
     def old(self, now: Time, silent_ns: Time, stale_ns: Time) -> NDArray[np.int64]:
-        """Places of aircraft whose last heartbeat is older than `silent_ns`, or position or item than `stale_ns`."""
+        """Indices of aircraft whose last heartbeat is older than `silent_ns`, or position or item than `stale_ns`."""
         table = self.table
-        told = np.minimum(table["position_ns"], table["item_ns"])
-        return np.flatnonzero((table["heard_ns"] < now - silent_ns) | (told < now - stale_ns))
+        reported = np.minimum(table["position_ns"], table["item_ns"])
+        return np.flatnonzero((table["heard_ns"] < now - silent_ns) | (reported < now - stale_ns))
 
     def of(self, place: int) -> Belief:
-        """One aircraft's row."""
+        """The belief about the aircraft with index `place`."""
         return Belief(self, place)
 
 
 class Belief:
-    """One aircraft as told by its telemetry: a view of its row in `Beliefs`; `-NEVER` and `None` mean "never told"."""
+    """One aircraft as its telemetry reports it: a view of its row in `Beliefs`.
+
+    A time of `-NEVER`, or `None`, means that no message has reported the value yet.
+    """
 
     __slots__ = ("_place", "_table", "mode_ref")
 
@@ -79,68 +82,68 @@ class Belief:
         return int(self._table[name][self._place])
 
     def set(self, name: str, value: int) -> None:
-        """Put a number into the row."""
+        """Set a field of the row."""
         self._table[name][self._place] = value
 
     def count(self, name: str) -> int:
-        """Count `frames`, `bad` or `foreign` up by one; the new number."""
+        """Increment the counter `frames`, `bad` or `foreign` and return its new value."""
         self._table[name][self._place] += 1
         return self._get(name)
 
     @property
     def heard_ns(self) -> Time:
-        """When its last heartbeat was read."""
+        """When the last heartbeat was received."""
         return self._get("heard_ns")
 
     @property
     def armed(self) -> bool | None:
-        """What its last heartbeat said."""
-        told = self._get("armed")
-        return None if told < 0 else bool(told)
+        """Whether the last heartbeat reported the aircraft as armed."""
+        reported = self._get("armed")
+        return None if reported < 0 else bool(reported)
 
     @property
     def mode(self) -> int | None:
-        """ArduCopter's mode number."""
-        told = self._get("mode")
-        return None if told < 0 else told
+        """The ArduCopter mode number of the last heartbeat."""
+        reported = self._get("mode")
+        return None if reported < 0 else reported
 
     @property
     def disarmed_beats(self) -> int:
-        """Heartbeats in a row that said it is disarmed; copies of one count once."""
+        """Number of consecutive heartbeats that reported the aircraft as disarmed; duplicates count once."""
         return self._get("disarmed_beats")
 
     @property
     def position_ns(self) -> Time:
-        """When its last position was read."""
+        """When the last position was received."""
         return self._get("position_ns")
 
     @property
     def item_ns(self) -> Time:
-        """When its last mission item was read."""
+        """When the last MISSION_CURRENT was received."""
         return self._get("item_ns")
 
     @property
     def farthest_item(self) -> int:
-        """Largest mission item that it named since the mission was started."""
+        """Largest mission item number reported since the mission was started."""
         return self._get("farthest_item")
 
     @property
     def frames(self) -> int:
-        """Frames that came on its link."""
+        """Number of frames received on the aircraft's link."""
         return self._get("frames")
 
     @property
     def bad(self) -> int:
-        """Of them, those that are no valid MAVLink frame."""
+        """Number of those that are not valid MAVLink frames."""
         return self._get("bad")
 
     @property
     def foreign(self) -> int:
-        """Of them, those of another system or component than the aircraft's autopilot."""
+        """Number of those from a system or component other than the aircraft's autopilot."""
         return self._get("foreign")
 
     def on_heartbeat(self, now: Time, base_mode: int, mode: int, sequence: int, ref: FrameId) -> bool:
-        """Take in a HEARTBEAT; whether the mode is another than before."""
+        """Update the belief from a HEARTBEAT; returns whether the mode changed."""
         self.set("heard_ns", now)
         armed = bool(base_mode & _ARMED)
         if armed:
@@ -156,7 +159,7 @@ class Belief:
         return changed
 
     def on_current(self, now: Time, item: int) -> bool:
-        """Take in a MISSION_CURRENT; whether the item is another than before."""
+        """Update the belief from a MISSION_CURRENT; returns whether the item changed."""
         self.set("item_ns", now)
         changed = item != self._get("item")
         self.set("item", item)
@@ -164,5 +167,5 @@ class Belief:
         return changed
 
     def reached(self, item: int) -> None:
-        """It has come as far as `item`."""
+        """Note that the aircraft has reached mission item `item`."""
         self.set("farthest_item", max(self.farthest_item, item))

@@ -1,4 +1,4 @@
-"""What is wrong with a plan? Everything at once, as faults, before anything starts."""
+"""Checks of a flight plan before it is flown: all problems at once."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ MAX_TARGETS = 10_000
 MAX_ALT_M = 83_000.0
 """Largest altitude ArduCopter accepts (LOCATION_ALT_MAX_M)."""
 MAX_RADIUS_M = 100_000.0
-"""Farthest from home that a plan may lead: beyond it the local frame is not one."""
+"""Greatest distance from home that a plan may reach; farther away the local frame is not valid."""
 
 
 def check(plan: FlightPlan, where: str) -> list[Fault]:
-    """All faults of `plan`; `where` names its key or file in them. An empty list means it can be flown.
+    """All problems of `plan`; `where` is the key or file that they name. A plan without problems can be flown.
 
-    Found: no items or too many, NaN and infinity, places off the globe or far from home, points below
-    the ground, a mission that does not begin with a take-off, jumps out of range or without end, speeds
-    and radii that are not positive.
+    It finds: no items or too many, NaN and infinity, invalid coordinates, positions far from home, points below the
+    ground, a mission that does not begin with a take-off, jumps that are out of range or endless, and speeds and
+    radii that are not positive.
     """
     faults = list(_check_numbers(plan, where))
     faults += _check_guided(plan, where) if plan.kind == "guided" else _check_mission(plan, where)

@@ -1,9 +1,9 @@
-"""Was a command carried out? The MAVLink command protocol, as one exchange at a time.
+"""The MAVLink command protocol, ground station side: one command exchange at a time.
 
-https://mavlink.io/en/services/command.html: a COMMAND_LONG without a COMMAND_ACK is sent again with
-`confirmation` one higher; an ack IN_PROGRESS starts the waiting anew. Beyond it: FAILED and
-TEMPORARILY_REJECTED are asked again for a while, because ArduCopter answers so until its estimator and
-pre-arm checks are content.
+By https://mavlink.io/en/services/command.html, a COMMAND_LONG without a COMMAND_ACK is sent again with
+`confirmation` one higher, and an acknowledgement IN_PROGRESS restarts the timeout. In addition, a command that
+is answered with FAILED or TEMPORARILY_REJECTED is repeated for a limited time, because ArduCopter answers so
+until its estimator has settled and its pre-arm checks pass.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
 
 ACK_TIMEOUT_NS = 1_500 * NS_PER_MS
-"""As the mission protocol's default; the command protocol names none."""
+"""The default of the mission protocol; the command protocol names none."""
 MAX_RETRIES = 5
 ASK_AGAIN_NS = NS_PER_S
-"""Pause before asking again what was refused for now."""
+"""Pause before a temporarily rejected command is sent again."""
 
-_FOR_NOW = frozenset({mav.MAV_RESULT_TEMPORARILY_REJECTED, mav.MAV_RESULT_FAILED})
+_TEMPORARY = frozenset({mav.MAV_RESULT_TEMPORARILY_REJECTED, mav.MAV_RESULT_FAILED})
 
 
 class Command(NamedTuple):
-    """A command to give: MAV_CMD, its parameters, how it is called in reasons, and how much it matters.
+    """A command to send: MAV_CMD, its parameters, and the name by which failure reasons call it.
 
-    `persist_s` is how long a refusal for now is answered by asking again; an `optional` command may be
-    refused without harm.
+    A temporary rejection is retried for `persist_s` seconds. The flight goes on if an `optional` command is
+    rejected.
     """
 
     command: int
@@ -40,7 +40,7 @@ class Command(NamedTuple):
 
 @dataclass(slots=True)
 class Exchange:
-    """One command under way. `due` is when `on_time` wants to be called."""
+    """The exchange of one command and its acknowledgement. `due` is when `on_time` must be called next."""
 
     command: Command
     due: Time = 0
@@ -49,12 +49,12 @@ class Exchange:
     retries: int = 0
 
     def begin(self, now: Time) -> None:
-        """Ready to be sent at once."""
+        """Make the command due at once."""
         self.due = now
         self.persist_until = now + round(self.command.persist_s * NS_PER_S)
 
     def on_time(self, now: Time) -> str:
-        """`"send"` the frame now, `"wait"`, or why it is given up."""
+        """`"send"` to send the message now, `"wait"`, or else the reason for which the exchange is given up."""
         if now < self.due:
             return "wait"
         if self.retries > MAX_RETRIES:
@@ -64,33 +64,33 @@ class Exchange:
         return "send"
 
     def message(self, system: int, component: int) -> Message:
-        """The COMMAND_LONG; each call raises `confirmation` for the next (which stops at 255)."""
+        """The COMMAND_LONG to send; each call raises `confirmation` for the next one, up to 255."""
         confirmation = self.confirmation
         self.confirmation = min(confirmation + 1, 255)
         params = (*self.command.params, *([0.0] * (7 - len(self.command.params))))
         return mav.MAVLink_command_long_message(system, component, self.command.command, confirmation, *params)
 
     def on_ack(self, now: Time, result: int) -> str:
-        """`"accepted"`, `"wait"`, or why it is refused for good."""
+        """`"accepted"`, `"wait"`, or else the reason for which the command is finally rejected."""
         if result == mav.MAV_RESULT_ACCEPTED:
             return "accepted"
         if result == mav.MAV_RESULT_IN_PROGRESS:
             self.retries, self.due = 1, now + ACK_TIMEOUT_NS
             return "wait"
-        if result in _FOR_NOW and now + ASK_AGAIN_NS <= self.persist_until:
+        if result in _TEMPORARY and now + ASK_AGAIN_NS <= self.persist_until:
             self.retries, self.confirmation, self.due = 0, 0, now + ASK_AGAIN_NS
             return "wait"
         return f"{self.command.name}: {result_name('MAV_RESULT', 'MAV_RESULT_', result)}"
 
 
 def result_name(enum: str, prefix: str, value: int) -> str:
-    """The short name of a MAVLink enum's value (`DENIED`), or the value itself where the enum has none."""
+    """The short name of a MAVLink enum value (`DENIED`), or the number itself if the enum does not define it."""
     entry = mav.enums[enum].get(value)
     return entry.name.removeprefix(prefix) if entry is not None else str(value)
 
 
 def set_mode(mode: int, name: str, persist_s: float = 10.0) -> Command:
-    """Switch to an ArduCopter mode by its number."""
+    """The command that switches to an ArduCopter mode, given by its number."""
     return Command(
         mav.MAV_CMD_DO_SET_MODE,
         (float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)),

@@ -1,6 +1,6 @@
-"""How does a plan come before the flight approval? One intent, asked for until it is answered.
+"""Submission of one operational intent to the flight approval, repeated until it is answered.
 
-The request's bytes stay the same however often it is sent, so a repetition is one request to the approval.
+Every repetition has the same bytes, so the approval recognises it as one request.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from skyrange.utm.messages import Request, encode
 
 ANSWER_TIMEOUT_NS = 1_500 * NS_PER_MS
 MAX_RETRIES = 5
-"""Both as the mission protocol's defaults, so that one number describes the station's patience."""
+"""Both equal the defaults of the MAVLink mission protocol, so that all retries of the station follow one rule."""
 
 
 @dataclass(slots=True)
 class Filing:
-    """One intent on its way to the approval; `due` is when it is sent again."""
+    """One intent that awaits its decision; `due` is when it is sent (again)."""
 
     intent: Intent
     payload: bytes
@@ -31,13 +31,13 @@ class Filing:
 
     @classmethod
     def of(cls, flight: Flight, depart_ns: Time, epoch: Epoch) -> Filing:
-        """The filing of a flight that departs at `depart_ns`; due at once."""
+        """The submission for a flight that departs at `depart_ns`; due at once."""
         vehicle = flight.vehicle
         intent = Intent(intent_id(vehicle), operator_of(vehicle), vehicle, volumes(flight.plan, depart_ns))
         return cls(intent, encode(Request.of(intent, epoch)), depart_ns)
 
     def try_again(self, now: Time) -> bool:
-        """Whether to send it (again) now; false once all retries are used up."""
+        """Count an attempt and return whether to send it now; false once all retries are used up."""
         if self.tries > MAX_RETRIES:
             return False
         self.tries += 1
@@ -45,7 +45,7 @@ class Filing:
         return True
 
     def summary(self) -> dict[str, Scalar]:
-        """What the record says of it."""
+        """The details that are recorded: intent id, number of volumes, and the time that they span."""
         claimed = self.intent.volumes
         return {
             "intent": self.intent.id,

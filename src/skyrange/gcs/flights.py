@@ -1,4 +1,4 @@
-"""What is asked of a ground station for one aircraft, and what became of it?"""
+"""One flight of one aircraft: what the ground station is asked to do, and the outcome."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from skyrange.gcs.plans import FlightPlan
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """One aircraft of an operator and what it is to fly.
+    """One aircraft of an operator and the plan that it flies.
 
-    `vehicle` is its range-wide id (`blue/b1`), `system_id` its MAVLink system, 1…250, unique within the
-    operator's MAVLink network number `network`. It is armed and started at `depart_s`, or as soon as it is
-    ready after that.
+    `vehicle` is the range-wide id (`blue/b1`). `system_id` is the MAVLink system id, 1…250, unique within the
+    operator's MAVLink network number `network`. The ground station arms and starts the aircraft at `depart_s`
+    (seconds of simulated time), or as soon after that as the aircraft is ready.
     """
 
     vehicle: str
@@ -25,8 +25,8 @@ class Flight:
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """How a flight ended: `state` complete or failed, why it failed, when."""
+class FlightOutcome:
+    """How a flight ended: `state` (complete or failed), `reason` of a failure, and when."""
 
     state: str
     reason: str

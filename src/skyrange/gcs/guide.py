@@ -1,7 +1,7 @@
-"""Where is a guided aircraft sent next? Targets one by one, each until it is near enough.
+"""Sequencing of guided targets: each target is sent until the aircraft is near enough, then the next.
 
-SET_POSITION_TARGET_GLOBAL_INT is not acknowledged, so whether one arrived is judged by what the
-aircraft does: while it comes no nearer, the target is sent again.
+SET_POSITION_TARGET_GLOBAL_INT is not acknowledged, so the aircraft's motion shows whether it arrived: while the
+aircraft comes no nearer, the target is sent again.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.gcs.plans import FlightPlan
 
 RESEND_NS = 2 * NS_PER_S
-"""How long an aircraft may come no nearer before its target is sent again."""
+"""The target is sent again if the aircraft has come no nearer for this long."""
 PROGRESS_M = 0.5
-"""What counts as nearer."""
+"""Smallest decrease of the distance that counts as coming nearer."""
 POSITION_ONLY = 0xDF8
-"""type_mask: velocity, acceleration, yaw and yaw rate are to be ignored."""
+"""type_mask that ignores velocity, acceleration, yaw and yaw rate."""
 TAKEOFF_SHARE = 0.9
-"""A take-off is over at this share of its height, or within the acceptance radius of it."""
+"""A take-off is complete at this share of its height, or within the acceptance radius of that height."""
 AIRBORNE_M = 1.0
-"""From this height on, or half of the take-off's, an aircraft has left the ground."""
+"""An aircraft has left the ground above this height or half the take-off height, whichever is lower."""
 
 
 class Target(NamedTuple):
-    """A target on the wire: 1e-7 degrees, metres above home."""
+    """A target position as MAVLink encodes it: 1e-7 degrees, and metres above home."""
 
     lat_e7: int
     lon_e7: int
@@ -37,7 +37,7 @@ class Target(NamedTuple):
 
 @dataclass(slots=True)
 class Guide:
-    """The targets of one guided plan and how far the aircraft is with them. `at` is -1 during take-off."""
+    """The targets of one guided plan and the index `at` of the current one, -1 during take-off."""
 
     targets: tuple[Target, ...]
     acceptance_m: float
@@ -49,7 +49,7 @@ class Guide:
 
     @classmethod
     def of(cls, plan: FlightPlan) -> Guide:
-        """The guide of a guided plan, at its beginning."""
+        """The sequencer of a guided plan, before take-off."""
         home, origin = plan.home_enu_m, plan.origin
         lat, lon = origin.geodetic_of(home.east_m, home.north_m)
         lat2, lon2 = origin.geodetic_of(home.east_m + 1000.0, home.north_m + 1000.0)
@@ -61,11 +61,11 @@ class Guide:
 
     @property
     def takeoff_m(self) -> float:
-        """Height above home to take off to: the first target's."""
+        """Take-off height above home in metres: that of the first target."""
         return self.targets[0].above_home_m
 
     def distance_m(self, lat_e7: int, lon_e7: int, above_home_mm: int) -> float:
-        """How far a reported position is from the target; during take-off, how much height is missing."""
+        """Distance in metres from a reported position to the target; during take-off, the height still missing."""
         above_m = above_home_mm * 1e-3
         if self.at < 0:
             return max(self.takeoff_m - above_m, 0.0)
@@ -76,22 +76,22 @@ class Guide:
         return math.sqrt(north_m * north_m + east_m * east_m + up_m * up_m)
 
     def has_left(self, above_home_mm: int) -> bool:
-        """Whether a reported height means that the take-off is under way."""
+        """Whether a reported height shows that the aircraft has left the ground."""
         return above_home_mm * 1e-3 >= min(AIRBORNE_M, 0.5 * self.takeoff_m)
 
     def is_reached(self, distance_m: float) -> bool:
-        """Whether the target, or the take-off's height, counts as reached at that distance."""
+        """Whether the target, or the take-off height, counts as reached at that distance."""
         near_m = max(self.acceptance_m, (1.0 - TAKEOFF_SHARE) * self.takeoff_m) if self.at < 0 else self.acceptance_m
         return distance_m <= near_m
 
     def advance(self, now: Time) -> bool:
-        """Go on to the next target; false after the last."""
+        """Select the next target; returns false after the last."""
         self.at += 1
         self.judged_ns, self.nearest_m = now, math.inf
         return self.at < len(self.targets)
 
     def is_stuck(self, now: Time, distance_m: float) -> bool:
-        """Whether the target should be sent again: no nearer for `RESEND_NS`."""
+        """Whether the target should be sent again, because the aircraft came no nearer for `RESEND_NS`."""
         if distance_m < self.nearest_m - PROGRESS_M:
             self.nearest_m, self.judged_ns = distance_m, now
             return False
@@ -101,7 +101,7 @@ class Guide:
         return True
 
     def message(self, now: Time, system: int, component: int) -> Message:
-        """The present target as SET_POSITION_TARGET_GLOBAL_INT, altitude relative to home."""
+        """The current target as SET_POSITION_TARGET_GLOBAL_INT, altitude relative to home."""
         target = self.targets[self.at]
         return mav.MAVLink_set_position_target_global_int_message(
             now // NS_PER_MS & 0xFFFFFFFF, system, component, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, POSITION_ONLY,

@@ -1,15 +1,17 @@
-"""In which state is an aircraft's flight, and which event leads where? One table.
+"""State machine of one flight: its states, its events, and the table of transitions.
 
-Why a table: a flight is a conversation with two peers (the approval and the autopilot) over links that
-lose, repeat and reorder, so anything may arrive in any state. Written as conditions scattered over
-handlers, "what if the approval comes twice, or the aircraft disarms while the plan is read back"
-has as many answers as handlers. Here every state lists the events that can move it, in one place that
-can be read and tested whole. Three rules keep it honest. First, only the pilot raises events, and only
-what its state listens to; a frame that means nothing now is data (a belief) or is counted, never an
-event. So an event outside the table is a defect of ours, and `after` raises instead of ignoring it.
-Second, waiting is a state and giving up is an event (`GAVE_UP`, with a reason): each state that
-waits has a deadline, so each flight ends in COMPLETE or FAILED (or LEFT). Third, once airborne, giving up
-does not fail at once: the aircraft is first brought home (ABORTING), as an operator would.
+A flight is a conversation with two peers, the approval and the autopilot, over links that lose, duplicate and reorder
+frames, so any message may arrive in any state. If the transitions were conditions in the message handlers, then a
+question such as "what if the approval arrives twice, or the aircraft disarms during the read-back?" would have one
+answer per handler. In a table, every state lists the events that it accepts, in one place that can be read and tested
+as a whole.
+
+The table rests on three rules. First, only the flight sequencer raises events, and only those that the current state
+accepts. A frame that has no meaning in the current state updates the belief or is counted; it is never an event. An
+event outside the table is therefore a defect of skyrange, and `after` raises an error.
+Second, waiting is a state and giving up is an event (`GAVE_UP`, with a reason). Each state that waits has a deadline,
+so each flight ends in COMPLETE, FAILED or LEFT. Third, a flight that is given up in the air does not fail at once: the
+aircraft first returns home (ABORTING), as an operator would have it do.
 """
 
 from __future__ import annotations
@@ -20,42 +22,42 @@ from skyrange.core.errors import ComponentError
 
 
 class State(StrEnum):
-    """Where a flight stands, as its ground station sees it."""
+    """State of a flight, as its ground station sees it."""
 
-    PLANNED = "planned"  # nothing said yet
-    LISTENING = "listening"  # the station was started anew: is the aircraft flying already?
-    REQUESTING = "requesting"  # the approval has been asked
-    CONNECTING = "connecting"  # approved; no heartbeat of the aircraft heard so far
-    UPLOADING = "uploading"  # the mission goes up
-    VERIFYING = "verifying"  # the mission is read back and compared
+    PLANNED = "planned"  # nothing was sent yet
+    LISTENING = "listening"  # the station was restarted and does not know whether the aircraft is flying
+    REQUESTING = "requesting"  # the intent was submitted to the approval
+    CONNECTING = "connecting"  # approved; no heartbeat of the aircraft received yet
+    UPLOADING = "uploading"  # the mission is uploaded
+    VERIFYING = "verifying"  # the mission is read back and compared with what was sent
     STREAMING = "streaming"  # telemetry rates are requested
-    PREPARING = "preparing"  # GUIDED mode, in which ArduCopter lets a ground station arm
-    WAITING = "waiting"  # ready before it is time to arm
-    ARMING = "arming"  # until a heartbeat shows it
+    PREPARING = "preparing"  # GUIDED mode is set, in which ArduCopter lets a ground station arm
+    WAITING = "waiting"  # ready; it is too early to arm
+    ARMING = "arming"  # until a heartbeat reports the aircraft as armed
     HOLDING = "holding"  # armed before its departure time
     STARTING = "starting"  # mission start or take-off commanded
     FLYING = "flying"  # the plan is being flown
-    RETURNING = "returning"  # the plan is done, the aircraft is told to come home or land
-    ABORTING = "aborting"  # the plan is given up, the aircraft is told to come home
+    RETURNING = "returning"  # the plan is done; the aircraft was commanded to return or land
+    ABORTING = "aborting"  # the plan was given up; the aircraft was commanded to return
     COMPLETE = "complete"
     FAILED = "failed"
-    LEFT = "left"  # found on the ground after a flight that another station watched: what became of it, that one knew
+    LEFT = "left"  # found on the ground after a flight under another station, which alone knew the outcome
 
 
 class Event(StrEnum):
-    """What moves a flight on."""
+    """Event that changes the state of a flight."""
 
     BEGUN = "begun"
-    BEGUN_ANEW = "begun_anew"  # after time 0: another of this name was there before, and what it did is not known
-    FOUND_FLYING = "found_flying"  # armed, by none of this station's doing
-    FOUND_GUIDED = "found_guided"  # armed, under a guided plan of which nobody knows how far it had come
-    FOUND_FLOWN = "found_flown"  # on the ground, in a mode that a flight leaves behind
+    BEGUN_ANEW = "begun_anew"  # started after time 0: what an earlier station of this name did is not known
+    FOUND_FLYING = "found_flying"  # armed, but not by this station
+    FOUND_GUIDED = "found_guided"  # armed under a guided plan whose progress is not known
+    FOUND_FLOWN = "found_flown"  # on the ground, in a mode that shows that the flight took place
     FOUND_WAITING = "found_waiting"  # on the ground, not flown yet
     APPROVED = "approved"
     REJECTED = "rejected"
-    HEARD = "heard"  # a heartbeat of the aircraft's autopilot
+    HEARD = "heard"  # a heartbeat of the aircraft's autopilot arrived
     UPLOADED = "uploaded"
-    NOTHING_TO_UPLOAD = "nothing_to_upload"  # a guided plan stays on the ground
+    NOTHING_TO_UPLOAD = "nothing_to_upload"  # a guided plan is not uploaded
     VERIFIED = "verified"
     STREAMS_SET = "streams_set"
     PREPARED = "prepared"
@@ -63,10 +65,10 @@ class Event(StrEnum):
     ARMED = "armed"
     DEPARTED = "departed"  # departure time
     STARTED = "started"
-    PLAN_DONE = "plan_done"  # all done but the landing, which the plan leaves to the ground station
-    LANDED = "landed"  # disarmed with the plan done
-    DISARMED = "disarmed"  # disarmed too early
-    GAVE_UP = "gave_up"  # a peer refused, retries are used up, or a deadline has passed
+    PLAN_DONE = "plan_done"  # all of the plan is done, except for a landing that it leaves to the ground station
+    LANDED = "landed"  # disarmed after the plan was done
+    DISARMED = "disarmed"  # disarmed before the plan was done
+    GAVE_UP = "gave_up"  # a peer rejected a request, the retries are used up, or a deadline has passed
 
 
 S, E = State, Event
@@ -96,24 +98,25 @@ TABLE: dict[State, dict[Event, State]] = {
     S.FAILED: {},
     S.LEFT: {},
 }
-"""State → event → next state. What is absent cannot happen."""
+"""State → event → next state. An event that a state does not list cannot happen in it."""
 
 OVER = frozenset({State.COMPLETE, State.FAILED, State.LEFT})
 """States that end a flight."""
 ARMED = frozenset({State.HOLDING, State.STARTING, State.FLYING, State.RETURNING, State.ABORTING})
-"""States in which the station believes the motors run."""
+"""States in which the station believes that the motors run."""
 CARRYING = frozenset({State.UPLOADING, State.VERIFYING})
-"""States in which a request for a mission item is answered (late or repeated ones too)."""
+"""States in which requests for mission items are answered, late and duplicate ones included."""
 
 
 class LifecycleError(ComponentError):
-    """An event was raised in a state that does not know it: a defect of the ground station."""
+    """An event was raised in a state that does not accept it: a defect of the ground station."""
 
 
 def after(state: State, event: Event, who: str = "ground station") -> State:
-    """The state that `event` leads to from `state`; `LifecycleError` where the table has none."""
+    """The state after `event` in `state`; raises `LifecycleError` if the table has no such transition."""
     row = TABLE[state]
     if event not in row:
-        known = ", ".join(row) or "nothing: it is over"
-        raise LifecycleError(who, f"event {event.value!r} cannot happen in state {state.value!r}", f"It knows {known}")
+        known = ", ".join(row) or "no event, because the flight is over"
+        problem = f"event {event.value!r} cannot happen in state {state.value!r}"
+        raise LifecycleError(who, problem, f"That state accepts {known}")
     return row[event]

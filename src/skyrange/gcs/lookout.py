@@ -1,7 +1,7 @@
-"""Who is in the air around an operator? What its ground receivers hear, as tracks with age and signal strength.
+"""Traffic picture of an operator: Remote ID tracks from its ground receivers, with age and signal strength.
 
-A receiver's report is the oracle's word, what stands in it anybody's: any bytes are survived and counted, and what is
-noted of comers and goers is bounded.
+Reports come from the oracle, but anybody can broadcast what they contain. Any bytes are therefore accepted without
+failure and counted, and the number of notes about new and lost tracks is bounded.
 """
 
 from __future__ import annotations
@@ -25,47 +25,47 @@ from skyrange.radio import ground
 from skyrange.remoteid.tracks import Heard, Seen, TrackTable
 
 LOOK_NS: Final[Time] = NS_PER_S
-"""How often it looks who came and who went."""
+"""How often new and lost tracks are determined."""
 MOST_NOTED: Final = 256
-"""Comers and goers that are noted one by one; later only the 512th, 1024th …: a flood must not fill the record."""
+"""New and lost tracks are noted one by one up to this number, then only the 512th, 1024th …: a bound for floods."""
 _COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
 
 _Claim = tuple[int, int, int, int]
-"""Address and identifier of a sender, as `remoteid.tracks` holds them."""
+"""Address and identifier that a sender claims, as `remoteid.tracks` stores them."""
 
 
 class _Known(NamedTuple):
-    """What was last known of a sender that is noted as seen."""
+    """Identifier and last reception of a sender whose track was noted as new."""
 
     uas_id: str
     heard_ns: Time
 
 
 class Lookout:
-    """The ground receivers of one operator: a row of `tracks` for each of `receivers`. Deep-copyable."""
+    """The tracks of one operator's ground receivers: one row of `tracks` for each of `receivers`. Deep-copyable."""
 
     def __init__(self, operator: str, receivers: Sequence[str], origin: Origin) -> None:
         self.operator = operator
         self.receivers = tuple(receivers)
         self.tracks = TrackTable(len(self.receivers), origin)
         self.bad_reports = 0
-        """Reports that are none, and receptions of receivers that are not the operator's."""
+        """Number of undecodable reports, and of reports with receptions of receivers that are not the operator's."""
         self.bad_bodies = 0
-        """Broadcasts that no F3411 message can be."""
+        """Number of broadcasts that cannot be an F3411 message."""
         self.due: Time = NEVER
-        """When it looks next; never, while nobody is known."""
-        self._rows = {name: row for row, name in enumerate(self.receivers)}
+        """When new and lost tracks are determined next; `NEVER` while there are no tracks."""
+        self._row_of = {name: row for row, name in enumerate(self.receivers)}
         self._refs = RefBook()
         self._known: dict[_Claim, _Known] = {}
         self._noted = 0
         self._counts = np.zeros(len(_COUNTS), dtype=np.int64)
 
     def seen(self, receiver: str, now: Time) -> Seen:
-        """Whom a receiver hears, with age and strength, also those that say impossible things; `KeyError` for none."""
-        return self.tracks.seen(self._rows[receiver], now, odd=True)
+        """A receiver's tracks with age and signal strength, implausible ones too; `KeyError` if unknown."""
+        return self.tracks.seen(self._row_of[receiver], now, odd=True)
 
     def hear(self, now: Time, inbox: Inbox, order: Ints, out: Outbox) -> None:
-        """Take in reports: the arrivals `order` of an inbox, as `Columns.order` numbers them."""
+        """Update the tracks from reports: the arrivals `order` of an inbox, as `Columns.order` numbers them."""
         numbers, serials = self._refs.read(inbox, order)
         frames: list[bytes] = []
         rows: list[tuple[int, int, int, int]] = []  # receiver, end of reception, frame
@@ -76,28 +76,28 @@ class Lookout:
             except DecodeError as error:
                 self._bad(str(error), report.ref, out)
                 continue
-            strange = [reception.receiver for reception in receptions if reception.receiver not in self._rows]
-            if strange:
-                self._bad(f"receiver {strange[0][:40]!r}", report.ref, out)
+            foreign = [reception.receiver for reception in receptions if reception.receiver not in self._row_of]
+            if foreign:
+                self._bad(f"receiver {foreign[0][:40]!r}", report.ref, out)
             for reception in receptions:
-                if reception.receiver in self._rows:
+                if reception.receiver in self._row_of:
                     frame = reception.frame()
                     frames.append(rid_link.pack(frame.header, frame.body))
-                    # not later than now, else a track would never grow old
+                    # not later than now, because a track in the future would never become stale
                     at = min(max(reception.time_ns, 0), now)
-                    rows.append((self._rows[reception.receiver], at, number, serial))
+                    rows.append((self._row_of[reception.receiver], at, number, serial))
         if not rows:
             return
         rid = rid_link.read_rows(Payloads.of(frames))
         receiver, at_ns, ref, serial_of = np.array(rows, dtype=np.int64).T
-        said = location_rows(rid.bodies)
-        self.bad_bodies += int(np.count_nonzero(~said.whole))
-        self.tracks.update(Heard(receiver, at_ns, rid, said, ref, serial_of))
+        locations = location_rows(rid.bodies)
+        self.bad_bodies += int(np.count_nonzero(~locations.whole))
+        self.tracks.update(Heard(receiver, at_ns, rid, locations, ref, serial_of))
         if self.due == NEVER:
             self.due = now - now % LOOK_NS + LOOK_NS
 
     def look(self, now: Time, out: Outbox) -> None:
-        """Note who is heard now and was not before, and who is not any more."""
+        """Note new tracks and lost tracks, and changed counters."""
         strongest = self._strongest(now)
         rows = self.tracks.rows
         for claim, (receiver, slot) in strongest.items():
@@ -128,7 +128,7 @@ class Lookout:
         self.due = now - now % LOOK_NS + LOOK_NS if self._known else NEVER
 
     def _strongest(self, now: Time) -> dict[_Claim, tuple[int, int]]:
-        """Every sender that is not stale, and where it is heard best: receiver and place in its row."""
+        """Every sender that is not stale, with its strongest reception: receiver and slot in that receiver's row."""
         rows = self.tracks.rows
         live = (rows["heard_ns"] >= 0) & (now - rows["heard_ns"] <= self.tracks.stale_ns)
         found: dict[_Claim, tuple[int, int]] = {}

@@ -1,6 +1,6 @@
-"""Through which points does a path lead? Shapes in metres east, north, up of a home, and what they cost.
+"""Paths and legs in metres east, north and up of home, with estimated durations.
 
-Times are estimates from ArduCopter's default speeds; approval volumes add their own margin.
+Durations are estimates from ArduCopter's default speeds; airspace volumes add their own margin.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ LAND_MPS = 0.5
 LAND_SLOW_M = 10.0
 """ArduCopter LAND_ALT_LOW, default 1000 cm."""
 TURN_S = 2.0
-"""Slowing down and speeding up at each point, at WPNAV_ACCEL's default of 2.5 m/s² and 5 m/s."""
+"""Time lost by braking and accelerating at each point, for WPNAV_ACCEL's default of 2.5 m/s² and 5 m/s."""
 
 
 class Point(NamedTuple):
@@ -31,7 +31,7 @@ class Point(NamedTuple):
 
 
 class Leg(NamedTuple):
-    """One straight piece of a flight: its ends, how fast it is flown over ground, and how long it takes."""
+    """One straight segment of a flight: its end points and how long it takes."""
 
     start: Point
     end: Point
@@ -39,9 +39,9 @@ class Leg(NamedTuple):
 
 
 def rectangle(east_m: float, north_m: float, alt_m: float, *, clockwise: bool = True) -> tuple[Point, ...]:
-    """Five points that go round a rectangle whose south-west corner is home, ending where they began.
+    """Five points around a rectangle whose south-west corner is home; the last point equals the first.
 
-    Clockwise (seen from above) goes north first; the order is that of the published helper
+    Clockwise (seen from above) goes north first. The order is that of the published helper
     `create_rectangle_path` of uav-cyber-sim.
     """
     corners = [(0.0, 0.0), (0.0, north_m), (east_m, north_m), (east_m, 0.0), (0.0, 0.0)]
@@ -49,14 +49,14 @@ def rectangle(east_m: float, north_m: float, alt_m: float, *, clockwise: bool = 
 
 
 def square(side_m: float, alt_m: float, *, clockwise: bool = True) -> tuple[Point, ...]:
-    """Five points that go round a square whose south-west corner is home."""
+    """Five points around a square whose south-west corner is home; the last point equals the first."""
     return rectangle(side_m, side_m, alt_m, clockwise=clockwise)
 
 
 def leg(start: Point, end: Point, speed_mps: float, *, landing: bool = False) -> Leg:
-    """The leg between two points. Horizontal and vertical motion overlap; the slower one counts.
+    """The leg between two points. Horizontal and vertical motion overlap; the longer of the two times counts.
 
-    `landing` flies the last `LAND_SLOW_M` metres down at `LAND_MPS`.
+    With `landing`, the last `LAND_SLOW_M` metres of the descent are flown at `LAND_MPS`.
     """
     flat_s = math.hypot(end.east_m - start.east_m, end.north_m - start.north_m) / speed_mps
     rise_m = end.up_m - start.up_m

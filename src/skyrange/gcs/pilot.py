@@ -1,8 +1,8 @@
-"""How is one aircraft flown from the ground? Its remote pilot: the lifecycle's table put to work.
+"""Flight sequencer of one aircraft: runs the state machine of `gcs.lifecycle` from plan to landing.
 
-The pilot is data plus reactions: to a frame from the aircraft, to a decision of the approval, to a
-time that falls due. It raises events, the table says where they lead, and entering a state does what
-that state is for. Everything it sends or decides names the frames that made it do so.
+The sequencer reacts to frames from the aircraft, to decisions of the approval, and to timers. It raises events, the
+table of transitions gives the next state, and on entry to a state the sequencer sends that state's commands. All that
+it sends or decides names the frames that caused it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from skyrange.gcs import scripts
 from skyrange.gcs.belief import Belief, Watch
 from skyrange.gcs.commands import Command, Exchange, result_name
 from skyrange.gcs.filing import Filing
-from skyrange.gcs.flights import Flight, Outcome
+from skyrange.gcs.flights import Flight, FlightOutcome
 from skyrange.gcs.guide import Guide
 from skyrange.gcs.lifecycle import ARMED, CARRYING, OVER, Event, State, after
 from skyrange.gcs.routes import estimated_duration_s
@@ -30,34 +30,34 @@ from skyrange.utm.messages import DecisionBody
 
 STATION_SYSTEM = 255
 STATION_COMPONENT = mav.MAV_COMP_ID_MISSIONPLANNER
-"""190, what ground stations use by convention."""
+"""190, the component id of ground stations by convention."""
 AUTOPILOT_COMPONENT = mav.MAV_COMP_ID_AUTOPILOT1
 HEARTBEAT_NS = NS_PER_S
-"""https://mavlink.io/en/services/heartbeat.html: generally 1 Hz."""
+"""Period of heartbeats; https://mavlink.io/en/services/heartbeat.html: generally 1 Hz."""
 LINK_TIMEOUT_NS = 5 * NS_PER_S
 """Silence after which the link counts as lost (heartbeat.html: four or five missed)."""
 DISARMED_BEATS = 2
-"""Heartbeats in a row that must say it before an armed aircraft counts as disarmed: one alone may be an old one that
-was held up on its way."""
+"""Number of consecutive heartbeats that must report it before an armed aircraft counts as disarmed: a single one may
+be an old heartbeat that was delayed."""
 STALE_NS = 3 * NS_PER_S
-"""Age of position or mission item, heartbeats still coming, after which the streams are requested again.
+"""Age of position or mission item after which the streams are requested again, if heartbeats still arrive.
 
-Acknowledgements of SET_MESSAGE_INTERVAL do not say which message they are about, so one that comes
-twice can be taken for the next one's; what counts is what comes in."""
+An acknowledgement of SET_MESSAGE_INTERVAL does not name the message that it concerns, so a duplicate can be mistaken
+for the acknowledgement of the next command. Only the telemetry that arrives shows whether the streams are set."""
 _FLOWN = frozenset({mav.COPTER_MODE_AUTO, mav.COPTER_MODE_LAND, mav.COPTER_MODE_RTL, mav.COPTER_MODE_SMART_RTL})
-"""Modes in which a disarmed aircraft has flown: none is prepared in them."""
-_WATCHED = frozenset({State.WAITING, State.HOLDING, State.FLYING})
-"""States in which the streams are expected to flow, and no command that matters may be under way."""
+"""Modes that show that a disarmed aircraft has flown: no aircraft is prepared in them."""
+_STREAM_CHECKED = frozenset({State.WAITING, State.HOLDING, State.FLYING})
+"""States in which the streams must arrive and in which no other required command can be in progress."""
 
-_CLOCKED = {State.WAITING: Event.DUE, State.HOLDING: Event.DEPARTED}
-"""States that end by the clock, and with which event."""
+_TIMED = {State.WAITING: Event.DUE, State.HOLDING: Event.DEPARTED}
+"""States that end at a fixed time, with the event that ends them."""
 
 Refs = tuple[FrameId, ...]
 
 
 @dataclass(slots=True)
 class Pilot:
-    """The remote pilot of one aircraft. `due` is the next time it wants `on_time`, without mail."""
+    """The flight sequencer of one aircraft. `due` is when `on_time` must be called if no frame arrives before."""
 
     flight: Flight
     port: Port
@@ -67,29 +67,29 @@ class Pilot:
     belief: Belief
     packer: Packer
     state: State = State.PLANNED
-    outcome: Outcome | None = None
+    outcome: FlightOutcome | None = None
     due: Time = 0
     intent: str = ""
     link_lost: bool = False
     filing: Filing | None = None
-    """The request under way to the approval."""
+    """The intent that awaits the decision of the approval."""
     deadline: Time = NEVER
     transfer: Transfer | None = None
     upload: Upload | None = None
     exchange: Exchange | None = None
     todo: list[Command] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
-    """Optional commands' refusals that are in the record already."""
+    """Reasons for rejections of optional commands that are already recorded."""
     guide: Guide | None = None
-    why: Refs = ()
-    """Frames that brought it into its state: causes of what time makes it do there."""
+    state_causes: Refs = ()
+    """Frames that led to the current state: the causes of what a timer triggers in it."""
     reason: str = ""
-    """Why it gave up, while the aircraft is brought home."""
+    """Why the plan was given up, while the aircraft returns home."""
 
-    # --- what comes in -------------------------------------------------------------------------
+    # --- inputs --------------------------------------------------------------------------------
 
     def on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> bool:
-        """Read one frame from the aircraft's link; whether `due` may have changed."""
+        """Handle one frame from the aircraft's link; returns whether `due` may have changed."""
         self.belief.count("frames")
         try:
             message = decode(arrival.payload)
@@ -109,7 +109,7 @@ class Pilot:
         return True
 
     def on_decision(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
-        """The approval answered this aircraft's intent; later answers change nothing."""
+        """Handle the approval's decision on this aircraft's intent; later decisions change nothing."""
         if self.state is not State.REQUESTING:
             return
         if decision.decision == "Accepted":
@@ -121,23 +121,23 @@ class Pilot:
         self._reschedule()
 
     def on_time(self, now: Time, out: Outbox) -> None:
-        """Do what has fallen due."""
+        """Do what is due."""
         if self.state is State.PLANNED:
             self._raise(Event.BEGUN if now <= 0 else Event.BEGUN_ANEW, now, out, ())
         if self.filing is not None and now >= self.filing.due:
-            self._file(self.filing, now, out)
+            self._submit_intent(self.filing, now, out)
         if self.transfer is not None and now >= self.transfer.due:
-            self._say(self.transfer.on_time(now), out, self.why)
-            self._transfer_ended(now, out, self.why)
+            self._send(self.transfer.on_time(now), out, self.state_causes)
+            self._transfer_ended(now, out, self.state_causes)
         if self.exchange is not None and now >= self.exchange.due:
-            self._press(now, out, self.why)
-        if self.state in _CLOCKED and now >= self._clock_ns():
-            self._raise(_CLOCKED[self.state], now, out, self.why)
+            self._send_command(now, out, self.state_causes)
+        if self.state in _TIMED and now >= self._timed_end_ns():
+            self._raise(_TIMED[self.state], now, out, self.state_causes)
         if now >= self.deadline and self.state not in OVER:
-            self._give_up(f"{self.state.value} for too long", now, out, self.why)
+            self._give_up(f"{self.state.value} for too long", now, out, self.state_causes)
         self._reschedule()
 
-    # --- frames by message -----------------------------------------------------------------------
+    # --- message handlers ------------------------------------------------------------------------
 
     def _on_heartbeat(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         if self.link_lost:
@@ -147,11 +147,11 @@ class Pilot:
             name = result_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
             out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
         if self.state is State.LISTENING:
-            self._found(now, out, ref)
+            self._on_first_heartbeat(now, out, ref)
         elif self.state is State.CONNECTING:
             self._raise(Event.HEARD, now, out, (ref,))
         elif self.state is State.ARMING and self.belief.armed:
-            self._drop_commands()  # its acknowledgement may have been lost
+            self._drop_commands()  # the acknowledgement of the arm command may have been lost
             self._raise(Event.ARMED, now, out, (ref,))
         elif self.state in ARMED and self.belief.disarmed_beats >= DISARMED_BEATS:
             self._disarmed(now, out, ref)
@@ -160,7 +160,8 @@ class Pilot:
         self.belief.set("position_ns", now)
         guide = self.guide
         if guide is not None and self.state is State.STARTING and guide.has_left(message.relative_alt):
-            self._drop_commands()  # the acknowledgement was lost; asked again in the air, ArduCopter answers FAILED
+            # the acknowledgement was lost; in the air, ArduCopter answers a repeated take-off command with FAILED
+            self._drop_commands()
             self._raise(Event.STARTED, now, out, (ref,))
         if guide is None or self.state is not State.FLYING:
             return
@@ -189,7 +190,7 @@ class Pilot:
 
     def _on_item_request(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         if self.upload is not None and self.state in CARRYING and _is_ours(message):
-            self._say(self.upload.on_request(now, message.seq), out, (ref,))
+            self._send(self.upload.on_request(now, message.seq), out, (ref,))
 
     def _on_mission_ack(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         if self.transfer is not None and _is_ours(message):
@@ -198,12 +199,12 @@ class Pilot:
 
     def _on_count(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         if isinstance(self.transfer, Download) and _is_ours(message):
-            self._say(self.transfer.on_count(now, message.count), out, (ref,))
+            self._send(self.transfer.on_count(now, message.count), out, (ref,))
             self._transfer_ended(now, out, (ref,))
 
     def _on_item(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         if isinstance(self.transfer, Download) and _is_ours(message):
-            self._say(self.transfer.on_item(now, message), out, (ref,))
+            self._send(self.transfer.on_item(now, message), out, (ref,))
             self._transfer_ended(now, out, (ref,))
 
     def _on_command_ack(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
@@ -216,13 +217,13 @@ class Pilot:
         if answer == "accepted":
             self._next_command(now, out, (ref,))
         elif answer != "wait":
-            self._refused(answer, now, out, (ref,))
+            self._command_rejected(answer, now, out, (ref,))
 
-    # --- events and states -----------------------------------------------------------------------
+    # --- events and states -------------------------------------------------------------------------
 
     def _raise(self, event: Event, now: Time, out: Outbox, causes: Refs, data: dict[str, Scalar] | None = None) -> None:
         self.state = after(self.state, event, self.flight.vehicle)
-        self.why = causes
+        self.state_causes = causes
         limit_s = scripts.limit_s(self.state, estimated_duration_s(self.flight.plan) if self.state in ARMED else 0.0)
         self.deadline = NEVER if limit_s is None else now + from_seconds(limit_s)
         kind = scripts.NOTES[event]
@@ -240,7 +241,7 @@ class Pilot:
             self.filing = Filing.of(self.flight, max(now, self._depart_ns()), self.epoch)
             self.intent = self.filing.intent.id
             out.note("decision.approval_requested", self.flight.vehicle, self.filing.summary())
-            self._file(self.filing, now, out)
+            self._submit_intent(self.filing, now, out)
         if state is State.CONNECTING and now - self.belief.heard_ns < LINK_TIMEOUT_NS:
             self._raise(Event.HEARD, now, out, causes)
         elif state is State.UPLOADING:
@@ -253,16 +254,16 @@ class Pilot:
         elif state is State.VERIFYING and self.upload is not None:
             download = Download(self.upload.items, self.flight.system_id, AUTOPILOT_COMPONENT)
             self._transfer(download, now, out, causes)
-        elif state in _CLOCKED and now >= self._clock_ns():
-            self._raise(_CLOCKED[state], now, out, causes)
+        elif state in _TIMED and now >= self._timed_end_ns():
+            self._raise(_TIMED[state], now, out, causes)
         elif state is State.PREPARING:
-            self._told_now(now)
+            self._mark_telemetry_fresh(now)
         elif state is State.FLYING:
             self.belief.set("farthest_item", 0)
         elif state in OVER:
             self._over(now, out, causes)
         if state is State.STREAMING:
-            self._say(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, causes)
+            self._send(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, causes)
         commands = scripts.commands(state, plan, self.streams.messages)
         if commands and self.state is state:
             self.todo = list(commands)
@@ -272,7 +273,7 @@ class Pilot:
         self._drop_commands()
         if self.state is State.LEFT:
             return
-        self.outcome = Outcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
+        self.outcome = FlightOutcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
         reason = self.outcome.reason
         if reason:
             out.note("decision.failed", self.flight.vehicle, {"reason": reason}, causes)
@@ -290,15 +291,15 @@ class Pilot:
         self._raise(Event.DISARMED if too_early else Event.LANDED, now, out, (ref,))
 
     def _mission_done(self, now: Time, out: Outbox, ref: FrameId) -> None:
-        """The last leg is flown; a mission that does not land leaves that to the ground station."""
+        """Handle the end of the last leg; a mission without a landing leaves that to the ground station."""
         plan = self.flight.plan
         if self.state is State.FLYING and plan.kind == "auto" and not scripts.lands_itself(plan):
             self._raise(Event.PLAN_DONE, now, out, (ref,))
 
-    # --- started anew ------------------------------------------------------------------------------
+    # --- restart -------------------------------------------------------------------------------------
 
-    def _found(self, now: Time, out: Outbox, ref: FrameId) -> None:
-        """A heartbeat of an aircraft that this station knows nothing of: one that flies is left to fly."""
+    def _on_first_heartbeat(self, now: Time, out: Outbox, ref: FrameId) -> None:
+        """Handle the first heartbeat after a restart of the station; an aircraft that is flying goes on flying."""
         if not self.belief.armed:
             flown = self.belief.mode in _FLOWN
             self._raise(Event.FOUND_FLOWN if flown else Event.FOUND_WAITING, now, out, (ref,))
@@ -310,7 +311,7 @@ class Pilot:
 
     # --- requests, transfers, commands ----------------------------------------------------------------------
 
-    def _file(self, filing: Filing, now: Time, out: Outbox) -> None:
+    def _submit_intent(self, filing: Filing, now: Time, out: Outbox) -> None:
         if filing.try_again(now):
             out.send(self.approval_port, filing.payload)
         else:
@@ -318,7 +319,7 @@ class Pilot:
 
     def _transfer(self, transfer: Transfer, now: Time, out: Outbox, causes: Refs) -> None:
         self.transfer = transfer
-        self._say(transfer.begin(now), out, causes)
+        self._send(transfer.begin(now), out, causes)
 
     def _transfer_ended(self, now: Time, out: Outbox, causes: Refs) -> None:
         transfer = self.transfer
@@ -331,29 +332,29 @@ class Pilot:
         self._raise(Event.UPLOADED if transfer is self.upload else Event.VERIFIED, now, out, causes, data)
 
     def _next_command(self, now: Time, out: Outbox, causes: Refs) -> None:
-        """Begin the next command, or say that all are done."""
+        """Start the next command, or raise the state's completion event after the last."""
         if self.todo:
             self.exchange = Exchange(self.todo.pop(0))
             self.exchange.begin(now)
-            self.why = causes or self.why
-            self._press(now, out, causes)
+            self.state_causes = causes or self.state_causes
+            self._send_command(now, out, causes)
             return
         self.exchange = None
         event = scripts.DONE.get(self.state)
         if event is not None:
             self._raise(event, now, out, causes)
 
-    def _press(self, now: Time, out: Outbox, causes: Refs) -> None:
-        """Send the present command (again) if it is time to."""
+    def _send_command(self, now: Time, out: Outbox, causes: Refs) -> None:
+        """Send the current command (again) if it is due."""
         exchange = self.exchange
         assert exchange is not None
         action = exchange.on_time(now)
         if action == "send":
-            self._say([exchange.message(self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
+            self._send([exchange.message(self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
         elif action != "wait":
-            self._refused(action, now, out, causes)
+            self._command_rejected(action, now, out, causes)
 
-    def _refused(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
+    def _command_rejected(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
         exchange = self.exchange
         if exchange is not None and exchange.command.optional:
             if reason not in self.refused:
@@ -367,10 +368,10 @@ class Pilot:
         self.exchange = None
         self.todo = []
 
-    # --- time ------------------------------------------------------------------------------------------
+    # --- timers ------------------------------------------------------------------------------------------
 
     def look_at_news(self, now: Time, out: Outbox) -> None:
-        """How old is what it knows? Asked with the station's heartbeat where something is old (`Beliefs.old`)."""
+        """Detect a lost link and stale telemetry; called with the station's heartbeat for stale beliefs."""
         if self.state is State.PLANNED or self.state in OVER:
             return
         belief = self.belief
@@ -378,11 +379,11 @@ class Pilot:
         if silent and belief.heard_ns >= 0 and not self.link_lost:
             self.link_lost = True
             out.note("decision.link_lost", self.flight.vehicle, {"silent_s": to_seconds(now - belief.heard_ns)})
-        if not silent and self.state in _WATCHED and self.exchange is None:
-            told_ns = belief.position_ns if self.guide else min(belief.position_ns, belief.item_ns)
-            if now - told_ns > STALE_NS:
-                self._told_now(now)  # not again before they are stale again
-                self._say(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, ())
+        if not silent and self.state in _STREAM_CHECKED and self.exchange is None:
+            reported_ns = belief.position_ns if self.guide else min(belief.position_ns, belief.item_ns)
+            if now - reported_ns > STALE_NS:
+                self._mark_telemetry_fresh(now)  # not again until they are stale again
+                self._send(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, ())
                 self.todo = list(scripts.stream_commands(self.streams.messages))
                 self._next_command(now, out, ())
         self._reschedule()
@@ -390,14 +391,14 @@ class Pilot:
     def _depart_ns(self) -> Time:
         return from_seconds(self.flight.depart_s)
 
-    def _clock_ns(self) -> Time:
-        """What a state of `_CLOCKED` waits for."""
+    def _timed_end_ns(self) -> Time:
+        """When the current state of `_TIMED` ends."""
         lead_s = scripts.ARM_LEAD_S if self.state is State.WAITING else 0.0
         return self._depart_ns() - from_seconds(lead_s)
 
     def _reschedule(self) -> None:
         if self.state is State.PLANNED:
-            return  # due at once, whatever it has heard before
+            return  # due at once, whatever was received before
         due = self.deadline
         if self.filing is not None:
             due = min(due, self.filing.due)
@@ -405,8 +406,8 @@ class Pilot:
             due = min(due, self.transfer.due)
         if self.exchange is not None:
             due = min(due, self.exchange.due)
-        if self.state in _CLOCKED:
-            due = min(due, self._clock_ns())
+        if self.state in _TIMED:
+            due = min(due, self._timed_end_ns())
         self.due = due
         watch = Watch.NONE
         if self.link_lost or self.state in (State.LISTENING, State.CONNECTING, State.ARMING):
@@ -419,16 +420,16 @@ class Pilot:
             watch |= Watch.COMPLETE
         self.belief.set("watch", watch)
 
-    def _told_now(self, now: Time) -> None:
+    def _mark_telemetry_fresh(self, now: Time) -> None:
         self.belief.set("position_ns", now)
         self.belief.set("item_ns", now)
 
-    # --- what goes out ---------------------------------------------------------------------------------
+    # --- outputs -----------------------------------------------------------------------------------------
 
     def _send_target(self, guide: Guide, now: Time, out: Outbox, causes: Refs) -> None:
-        self._say([guide.message(now, self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
+        self._send([guide.message(now, self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
 
-    def _say(self, messages: list[Message], out: Outbox, causes: Refs) -> None:
+    def _send(self, messages: list[Message], out: Outbox, causes: Refs) -> None:
         for message in messages:
             out.send(self.port, self.packer.pack(message), causes)
 
@@ -438,7 +439,7 @@ class Pilot:
 
 
 def _is_ours(message: Message) -> bool:
-    """Whether a mission message is about flight plans (not fences) and for this station."""
+    """Whether a mission message concerns flight plans (not fences) and is addressed to this station."""
     return (
         message.mission_type == mav.MAV_MISSION_TYPE_MISSION
         and message.target_system in (0, STATION_SYSTEM)
@@ -459,4 +460,4 @@ _HANDLERS = {
     mav.MAVLINK_MSG_ID_COMMAND_ACK: Pilot._on_command_ack,
 }
 READ = frozenset(_HANDLERS)
-"""What a pilot reads; all other telemetry is decoded (bad frames count) and kept as last told."""
+"""Ids of the messages that a flight sequencer handles; other telemetry is decoded and stored, bad frames counted."""

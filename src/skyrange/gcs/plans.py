@@ -1,8 +1,8 @@
-"""What is an aircraft to fly? A flight plan, and how one is made from a shape, a path or a file.
+"""Flight plans, and their construction from a shape, a path or a mission file.
 
-Two kinds. *auto*: a mission that is uploaded and flown by the autopilot in AUTO. *guided*: targets that
-the ground station sends one by one in GUIDED. Every plan is anchored: it knows the scenario's origin
-and the aircraft's home, so its points are places and not just offsets.
+There are two kinds. An *auto* plan is a mission that is uploaded and that the autopilot flies in AUTO mode. A
+*guided* plan is a list of targets that the ground station sends one by one in GUIDED mode. Every plan contains the
+scenario's origin and the aircraft's home, so that its points are absolute positions.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Kind = Literal["auto", "guided"]
 End = Literal["rtl", "land"]
 
 CRUISE_MPS = 5.0
-"""Ground speed of built plans, that of the published demonstration."""
+"""Ground speed of plans built from shapes and paths; that of the published demonstration."""
 WPNAV_SPEED_MPS = 10.0
-"""ArduCopter WPNAV_SPEED, default 1000 cm/s: what a mission flies that sets no speed."""
+"""ArduCopter WPNAV_SPEED, default 1000 cm/s: the speed of a mission that sets none."""
 ACCEPTANCE_M = 1.0
-"""How near a guided target counts as reached, in space."""
+"""Distance in space at which a guided target counts as reached."""
 
 MSL_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_INT})
 HOME_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
@@ -53,17 +53,17 @@ LOCATED = frozenset(
         mav.MAV_CMD_NAV_PAYLOAD_PLACE,
     }
 )
-"""Commands with which ArduCopter stores a place (`AP_Mission::stored_in_location`); others' x, y, z are lost."""
+"""Commands whose position ArduCopter stores (`AP_Mission::stored_in_location`); it drops x, y, z of the others."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
-    """What one aircraft is to fly.
+    """The plan that one aircraft flies.
 
-    `home_enu_m` is its home from `origin`. An auto plan has a `mission` (without the home item); a
-    guided one has `targets_enu_m` (from the origin, not from home), how near counts as reached, and how
-    it ends. `cruise_mps` is the ground speed it is flown at until the plan itself changes it.
-    `checks.check` says what is wrong with a plan.
+    `home_enu_m` is the aircraft's home relative to `origin`. An auto plan has a `mission` (without the home item).
+    A guided plan has `targets_enu_m` (relative to the origin, not to home), an acceptance radius `acceptance_m`,
+    and the `end` of the flight. `cruise_mps` is the ground speed until the plan itself changes it.
+    `checks.check` finds the problems of a plan.
     """
 
     kind: Kind
@@ -78,7 +78,7 @@ class FlightPlan:
 
     @property
     def items(self) -> tuple[MissionItem, ...]:
-        """The mission's items; none of a guided plan."""
+        """The mission's items; empty for a guided plan."""
         return self.mission.items if self.mission is not None else ()
 
 
@@ -94,9 +94,9 @@ def square(
     end: End = "land",
     name: str = "square",
 ) -> FlightPlan:
-    """A square of `side_m` at `alt_m` above home, home its south-west corner; ends by landing there.
+    """A square of `side_m` at `alt_m` above home whose south-west corner is home; it ends with a landing there.
 
-    Corners and their order are those of the published helper `create_square_path`.
+    The corners and their order are those of the published helper `create_square_path`.
     """
     points = paths.square(side_m, alt_m, clockwise=clockwise)
     return path(origin, home_enu_m, points, kind=kind, cruise_mps=cruise_mps, end=end, name=name)
@@ -115,8 +115,8 @@ def path(
 ) -> FlightPlan:
     """A path through `points`, each (east, north, up) in metres from home.
 
-    It takes off to the first point's height (a first point straight above home is that and no more),
-    flies through all points, then returns to launch (`rtl`) or lands at the last one (`land`).
+    The aircraft takes off to the first point's height, flies through all points, then returns to launch (`rtl`) or
+    lands at the last point (`land`). A first point straight above home is only the take-off.
     """
     home = Point(*map(float, home_enu_m))
     route = tuple(Point(*map(float, point)) for point in points)
@@ -138,10 +138,10 @@ def from_file(
 ) -> FlightPlan:
     """The auto plan in a mission file (`.waypoints`, `.txt`, `.plan`).
 
-    With `anchor` the mission is shifted, keeping its shape in metres, so that its planned home (else its
-    first placed item) comes to lie on the aircraft's home, and its altitudes become relative to home.
-    `cruise_mps` only serves estimates: the file's own speed changes are what is flown. Raises
-    `InputError` for an unreadable file, and for altitudes above sea level without a planned home.
+    With `anchor` the mission keeps its shape in metres but is moved so that its planned home (or, without one, its
+    first item with a position) coincides with the aircraft's home, and its altitudes become relative to home.
+    `cruise_mps` is used for estimates only; the aircraft flies the file's own speed changes. Raises `InputError`
+    for an unreadable file, and for altitudes above mean sea level without a planned home.
     """
     home = Point(*map(float, home_enu_m))
     mission = missions.read(Path(file))
@@ -151,12 +151,12 @@ def from_file(
 
 
 def anchored(mission: Mission, origin: Origin, home: Point) -> Mission:
-    """`mission` shifted onto `home`, altitudes relative to it; `InputError` where they cannot be."""
+    """`mission` moved to `home`, with altitudes relative to it; `InputError` if an altitude cannot be converted."""
     placed = [(item.x, item.y) for item in mission.items if _is_placed(item)]
     if not placed:
         return mission
     planned = (mission.home[0], mission.home[1]) if mission.home is not None else placed[0]
-    around = Origin(planned[0], planned[1])  # metres are measured where the plan was drawn
+    around = Origin(planned[0], planned[1])  # distances in metres are those at the place for which the plan was drawn
     items: list[MissionItem] = []
     for seq, item in enumerate(mission.items, start=1):
         if item.command not in LOCATED or item.frame not in GLOBAL_FRAMES:
@@ -182,7 +182,7 @@ def anchored(mission: Mission, origin: Origin, home: Point) -> Mission:
 
 
 def _is_placed(item: MissionItem) -> bool:
-    """Whether it names a place; ArduCopter reads latitude and longitude 0 as "where I am"."""
+    """Whether the item has a position; ArduCopter reads latitude and longitude 0 as its current position."""
     return item.command in LOCATED and item.frame in GLOBAL_FRAMES and not (item.x == 0.0 and item.y == 0.0)
 
 
@@ -192,7 +192,7 @@ def _home(origin: Origin, home: Point) -> tuple[float, float, float]:
 
 
 def _items(origin: Origin, home: Point, route: Sequence[Point], cruise_mps: float, end: End) -> tuple[MissionItem, ...]:
-    """Take-off, speed, one waypoint per point (the first only if it is not the take-off's own), the end."""
+    """Take-off, speed, one waypoint per point (unless the first is the take-off's own), and the end."""
 
     def at(point: Point, command: int) -> MissionItem:
         lat, lon = origin.geodetic_of(home.east_m + point.east_m, home.north_m + point.north_m)

@@ -1,8 +1,8 @@
-"""What of all that came must a pilot read? Telemetry in columns: decoded, kept, and taken into belief at once.
+"""Telemetry receiver: decodes telemetry in columns, stores the latest messages, and updates the beliefs.
 
-A message that says what was known already, and that its pilot does not watch for, only renews what is known: that is
-done here, in one kernel over all frames of a step. Any other is for the pilot, and so is all that follows it in the
-same step from the same aircraft: each pilot reads in the order in which things came.
+A message that repeats known values, and that its flight sequencer does not watch for, only refreshes the belief. One
+compiled function does this for all frames of a step. Any other message is left to the flight sequencer, together
+with all later messages of the same aircraft in that step, so that each sequencer reads in order of arrival.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from skyrange.gcs.belief import Beliefs, Watch
 
 
 def _offset(message_id: int, name: str) -> int:
-    """Where a field of a message begins in its payload."""
+    """Offset in bytes of a field in the payload of a message."""
     fields = dtype_of(message_id).fields
     assert fields is not None
     return int(fields[name][1])
@@ -46,13 +46,13 @@ _WATCH_COMPLETE: Final = int(Watch.COMPLETE)
 
 
 @kernel
-def _take_in(now: int, belief: Any, kind: int, sequence: int, told: Bytes) -> bool:
-    """Take a payload into a belief, unless its pilot has to read it: whether it has."""
+def _refresh_belief(now: int, belief: Any, kind: int, sequence: int, reported: Bytes) -> bool:
+    """Refresh a belief from a payload; returns whether the flight sequencer has to read the message instead."""
     if kind == _HEARTBEAT:
         mode = np.int64(0)
         for byte in range(4):
-            mode |= np.int64(told[_CUSTOM_MODE + byte]) << (8 * byte)
-        armed = 1 if told[_BASE_MODE] & _ARMED else 0
+            mode |= np.int64(reported[_CUSTOM_MODE + byte]) << (8 * byte)
+        armed = 1 if reported[_BASE_MODE] & _ARMED else 0
         if mode != belief.mode or armed != belief.armed or belief.watch & _WATCH_HEARTBEAT:
             return True
         belief.heard_ns = now
@@ -66,8 +66,8 @@ def _take_in(now: int, belief: Any, kind: int, sequence: int, told: Bytes) -> bo
             return True
         belief.position_ns = now
     elif kind == _CURRENT:
-        item = np.int64(told[_ITEM]) | np.int64(told[_ITEM + 1]) << 8
-        if item != belief.item or (told[_STATE] == _COMPLETE and belief.watch & _WATCH_COMPLETE):
+        item = np.int64(reported[_ITEM]) | np.int64(reported[_ITEM + 1]) << 8
+        if item != belief.item or (reported[_STATE] == _COMPLETE and belief.watch & _WATCH_COMPLETE):
             return True
         belief.item_ns = now
         belief.farthest_item = max(belief.farthest_item, item)
@@ -78,13 +78,13 @@ def _take_in(now: int, belief: Any, kind: int, sequence: int, told: Bytes) -> bo
 def _read(
     now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, begin: int, systems: Ints, component: int,
     kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16], role: Ints, slots: Ints,
-    latest: NDArray[np.uint8], told: NDArray[np.bool_], table: Any, single: NDArray[np.bool_],
+    latest: NDArray[np.uint8], reported: NDArray[np.bool_], table: Any, left: NDArray[np.bool_],
 ) -> int:  # fmt: skip
-    """Read frames from `begin` on; returns the first whose kind has no slot yet, or how many there are."""
+    """Process frames from row `begin` on; returns the first row whose kind has no slot yet, or the number of rows."""
     for row in range(begin, starts.shape[0]):
         place = places[row]
         at = starts[row]
-        single[row] = True
+        left[row] = True
         if place >= systems.shape[0]:
             continue
         kind = kind_at(data, at, sizes[row], kinds, extras, crcs)
@@ -101,43 +101,44 @@ def _read(
             body[column] = data[at + _HEADER + column]
         for column in range(length, body.shape[0]):
             body[column] = 0
-        told[slot, place] = True
-        asked = role[kind] == 1 or (role[kind] == 2 and belief.read_ns == now)
-        if asked or (role[kind] == 2 and _take_in(now, belief, kind, data[at + 4], body)):
+        reported[slot, place] = True
+        for_sequencer = role[kind] == 1 or (role[kind] == 2 and belief.read_ns == now)
+        if for_sequencer or (role[kind] == 2 and _refresh_belief(now, belief, kind, data[at + 4], body)):
             belief.read_ns = now
             continue
-        single[row] = False
+        left[row] = False
         belief.frames += 1
     return int(starts.shape[0])
 
 
 class Reader:
-    """Reads a station's mail in columns. Deep-copyable."""
+    """Processes the telemetry that a station receives, in columns. Deep-copyable."""
 
     def __init__(self, beliefs: Beliefs, systems: Sequence[int], component: int, read: Collection[int]) -> None:
-        """`systems` by place; `read` are the ids of the messages that pilots read at all."""
+        """`systems` are MAVLink system ids by aircraft index; `read` are the ids of messages that sequencers handle."""
         self._beliefs = beliefs
         self._systems = np.array(systems, dtype=np.int64)
         self._component = component
-        self._role = np.zeros(KINDS, dtype=np.int64)  # 0 kept only, 1 the pilot's, 2 the pilot's unless taken in
+        # 0: stored only; 1: for the sequencer; 2: for the sequencer unless it only refreshes the belief
+        self._role = np.zeros(KINDS, dtype=np.int64)
         for message_id in read:
             self._role[kind_of(message_id)] = 1
         self._role[[_HEARTBEAT, _POSITION, _CURRENT]] = 2
         self._slots = np.full(KINDS, -1, dtype=np.int64)
         self._latest = np.zeros((0, len(systems), _WIDEST), dtype=np.uint8)
-        self._told = np.zeros((0, len(systems)), dtype=np.bool_)
+        self._received = np.zeros((0, len(systems)), dtype=np.bool_)
 
     def read(self, now: Time, places: Ints, payloads: Payloads) -> Ints:
-        """Take in frames from the aircraft at `places`: the rows that are left for pilots (or for others)."""
-        single = np.empty(len(payloads), dtype=np.bool_)
+        """Process frames of the aircraft with indices `places`; returns the rows left for sequencers and others."""
+        left = np.empty(len(payloads), dtype=np.bool_)
         done = 0
         while True:
             done = _read(
                 now, payloads.data, payloads.starts, payloads.sizes, places, done, self._systems, self._component,
-                *TABLES, self._role, self._slots, self._latest, self._told, self._beliefs.table, single,
+                *TABLES, self._role, self._slots, self._latest, self._received, self._beliefs.table, left,
             )  # fmt: skip
             if done == len(payloads):
-                return np.flatnonzero(single)
+                return np.flatnonzero(left)
             self._add_slot(payloads, done)
 
     def _add_slot(self, payloads: Payloads, row: int) -> None:
@@ -145,12 +146,12 @@ class Reader:
         self._slots[kind_at(payloads.data, start, size, *TABLES)] = len(self._latest)
         count = self._latest.shape[1]
         self._latest = np.concatenate([self._latest, np.zeros((1, count, _WIDEST), dtype=np.uint8)])
-        self._told = np.concatenate([self._told, np.zeros((1, count), dtype=np.bool_)])
+        self._received = np.concatenate([self._received, np.zeros((1, count), dtype=np.bool_)])
 
     def latest(self, place: int, message_id: int) -> Any:
-        """The last message of a kind as a record of its fields, or `None`."""
+        """The latest message of a kind as a record of its fields, or `None` if there was none."""
         slot = self._slots[kind_of(message_id)]
-        if slot < 0 or not self._told[slot, place]:
+        if slot < 0 or not self._received[slot, place]:
             return None
         dtype = dtype_of(message_id)
         return self._latest[slot, place, : dtype.itemsize].copy().view(dtype)[0]

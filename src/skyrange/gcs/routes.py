@@ -1,7 +1,7 @@
-"""Where does a plan lead, leg by leg, and how long does it take? The mission unrolled as ArduCopter flies it.
+"""Route of a flight plan: its legs with durations, unrolled as ArduCopter flies the mission.
 
-Jumps are followed, speed changes obeyed, holds waited; RETURN_TO_LAUNCH climbs under its cone, crosses
-and lands. What is estimated here feeds approval volumes, checks against buildings and time limits.
+Jumps are followed, and speed changes and hold times are applied. RETURN_TO_LAUNCH climbs within its cone, flies
+home and lands. The estimates serve airspace volumes, checks against buildings, and time limits.
 """
 
 from __future__ import annotations
@@ -17,33 +17,38 @@ from skyrange.gcs.plans import MSL_FRAMES, TERRAIN_FRAMES, FlightPlan
 RTL_ALT_M = 15.0
 """ArduCopter RTL_ALT, default 1500 cm above home (ArduCopter/config.h)."""
 RTL_CONE_SLOPE = 3.0
-"""ArduCopter RTL_CONE_SLOPE, default 3: near home it climbs no higher than 3 times the distance."""
+"""ArduCopter RTL_CONE_SLOPE, default 3: near home RTL climbs no higher than 3 times the distance to home."""
 RTL_LOITER_S = 5.0
-"""ArduCopter RTL_LOIT_TIME, default 5000 ms above home before landing."""
+"""ArduCopter RTL_LOIT_TIME, default 5000 ms: loiter time above home before landing."""
 CIRCLE_RADIUS_M = 10.0
-"""ArduCopter CIRCLE_RADIUS, default 1000 cm: how wide LOITER_TURNS circles that names no radius."""
+"""ArduCopter CIRCLE_RADIUS, default 1000 cm: the radius of a LOITER_TURNS that states none."""
 MAX_LEGS = 10_000
-"""Where unrolling jumps stops; `checks.check` rejects plans that get there."""
+"""Unrolling stops at this number of legs or jumps; `checks.check` rejects such plans."""
 
-_STAY = (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_TIME, mav.MAV_CMD_NAV_SPLINE_WAYPOINT)
-_GO = (*_STAY, mav.MAV_CMD_NAV_LOITER_TURNS, mav.MAV_CMD_NAV_LOITER_UNLIM, mav.MAV_CMD_NAV_LOITER_TO_ALT)
+_HOLD_COMMANDS = (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_TIME, mav.MAV_CMD_NAV_SPLINE_WAYPOINT)
+_MOVE_COMMANDS = (
+    *_HOLD_COMMANDS,
+    mav.MAV_CMD_NAV_LOITER_TURNS,
+    mav.MAV_CMD_NAV_LOITER_UNLIM,
+    mav.MAV_CMD_NAV_LOITER_TO_ALT,
+)
 
 
 def legs(plan: FlightPlan) -> tuple[Leg, ...]:
-    """The plan's legs in flying order, from home to where it lands; at most `MAX_LEGS`.
+    """The plan's legs in the order flown, from home to the landing; at most `MAX_LEGS`.
 
-    Meaningful for plans without faults (`checks.check`).
+    The result is meaningful only for a plan in which `checks.check` finds no problem.
     """
-    return _guided(plan) if plan.kind == "guided" else _auto(plan)[0]
+    return _guided_legs(plan) if plan.kind == "guided" else _auto_legs(plan)[0]
 
 
 def comes_to_an_end(plan: FlightPlan) -> bool:
-    """Whether a plan's jumps end within `MAX_LEGS`."""
-    return plan.kind == "guided" or _auto(plan)[1]
+    """Whether unrolling the plan's jumps ends within `MAX_LEGS`."""
+    return plan.kind == "guided" or _auto_legs(plan)[1]
 
 
 def enu_points(plan: FlightPlan) -> tuple[Point, ...]:
-    """The corners of the flight from home on, in metres from the origin, without repeats in place."""
+    """The points of the flight from home on, in metres from the origin, without consecutive duplicates."""
     points = [plan.home_enu_m]
     for piece in legs(plan):
         if piece.end != points[-1]:
@@ -52,16 +57,16 @@ def enu_points(plan: FlightPlan) -> tuple[Point, ...]:
 
 
 def length_m(plan: FlightPlan) -> float:
-    """Length of the whole flight, climbs and landing included."""
+    """Length of the whole flight in metres, including climbs and landing."""
     return paths.length_m(enu_points(plan))
 
 
 def estimated_duration_s(plan: FlightPlan) -> float:
-    """Seconds from take-off to disarmed, by ArduCopter's default speeds and the plan's own."""
+    """Estimated seconds from take-off to disarming, from the plan's speeds and ArduCopter's defaults."""
     return math.fsum(piece.duration_s for piece in legs(plan))
 
 
-def _guided(plan: FlightPlan) -> tuple[Leg, ...]:
+def _guided_legs(plan: FlightPlan) -> tuple[Leg, ...]:
     here = plan.home_enu_m
     out: list[Leg] = []
     if plan.targets_enu_m:
@@ -71,11 +76,11 @@ def _guided(plan: FlightPlan) -> tuple[Leg, ...]:
     for target in plan.targets_enu_m:
         out.append(leg(here, target, plan.cruise_mps))
         here = target
-    return (*out, *_end(plan, here, plan.cruise_mps, plan.end == "rtl"))
+    return (*out, *_final_legs(plan, here, plan.cruise_mps, plan.end == "rtl"))
 
 
-def _end(plan: FlightPlan, here: Point, speed_mps: float, rtl: bool) -> list[Leg]:
-    """Home (or not) and down."""
+def _final_legs(plan: FlightPlan, here: Point, speed_mps: float, rtl: bool) -> list[Leg]:
+    """The legs of the landing, with the return home before it if `rtl`."""
     out: list[Leg] = []
     home = plan.home_enu_m
     if rtl:
@@ -90,7 +95,7 @@ def _end(plan: FlightPlan, here: Point, speed_mps: float, rtl: bool) -> list[Leg
 
 
 def place(plan: FlightPlan, item: MissionItem, here: Point) -> Point:
-    """Where a placed item is, in metres from the origin; zero coordinates and altitude mean "as `here`"."""
+    """The position of an item in metres from the origin; zero coordinates or altitude mean those of `here`."""
     east_m, north_m = here.east_m, here.north_m
     if not (item.x == 0.0 and item.y == 0.0):
         east_m, north_m = plan.origin.enu_of(item.x, item.y)
@@ -100,27 +105,27 @@ def place(plan: FlightPlan, item: MissionItem, here: Point) -> Point:
 
 
 def up_m(plan: FlightPlan, item: MissionItem) -> float:
-    """Height of a placed item above the origin: its altitude's datum removed. The ground is at 0."""
+    """Height of an item above the origin in metres, converted from its altitude's datum. The ground is at 0."""
     if item.frame in MSL_FRAMES:
         return item.z - plan.origin.alt_msl_m
     return item.z if item.frame in TERRAIN_FRAMES else plan.home_enu_m.up_m + item.z
 
 
-def _auto(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool]:
-    """The legs, and whether these are all."""
+def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool]:
+    """The legs, and whether they are complete."""
     here, speed_mps = plan.home_enu_m, plan.cruise_mps
-    items, out, jumped = plan.items, list[Leg](), dict[int, int]()
+    items, out, jumps_done = plan.items, list[Leg](), dict[int, int]()
     at = 0
     while at < len(items):
-        if len(out) >= MAX_LEGS or sum(jumped.values()) >= MAX_LEGS:
+        if len(out) >= MAX_LEGS or sum(jumps_done.values()) >= MAX_LEGS:
             return tuple(out), False
         item, at = items[at], at + 1
         command = item.command
         if command == mav.MAV_CMD_NAV_TAKEOFF:
             above = Point(here.east_m, here.north_m, up_m(plan, item))
-            out.append(leg(here, above, speed_mps))  # straight up: ArduCopter ignores a take-off's place
+            out.append(leg(here, above, speed_mps))  # straight up: ArduCopter ignores a take-off's position
             here = above
-        elif command in _GO:
+        elif command in _MOVE_COMMANDS:
             there = place(plan, item, here)
             out.append(leg(here, there, speed_mps))
             here = there
@@ -131,20 +136,20 @@ def _auto(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool]:
             out.append(Leg(here, here, max(item.param1, 0.0)))
         elif command == mav.MAV_CMD_DO_CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0:
             speed_mps = item.param2
-        elif command == mav.MAV_CMD_DO_JUMP and jumped.get(at, 0) < item.param2:
-            jumped[at] = jumped.get(at, 0) + 1
+        elif command == mav.MAV_CMD_DO_JUMP and jumps_done.get(at, 0) < item.param2:
+            jumps_done[at] = jumps_done.get(at, 0) + 1
             at = max(int(item.param1), 1) - 1  # item 1 is the first after home
         elif command == mav.MAV_CMD_NAV_LAND:
             there = place(plan, item, here)._replace(up_m=here.up_m)
             out.append(leg(here, there, speed_mps))
-            return (*out, *_end(plan, there, speed_mps, rtl=False)), True
+            return (*out, *_final_legs(plan, there, speed_mps, rtl=False)), True
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            return (*out, *_end(plan, here, speed_mps, rtl=True)), True
-    return (*out, *_end(plan, here, speed_mps, rtl=plan.end == "rtl")), True
+            return (*out, *_final_legs(plan, here, speed_mps, rtl=True)), True
+    return (*out, *_final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True
 
 
 def _wait_s(item: MissionItem, speed_mps: float) -> float:
-    if item.command in _STAY:
+    if item.command in _HOLD_COMMANDS:
         return item.param1
     if item.command == mav.MAV_CMD_NAV_LOITER_TURNS:
         return item.param1 * 2.0 * math.pi * (abs(item.param3) or CIRCLE_RADIUS_M) / speed_mps

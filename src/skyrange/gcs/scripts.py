@@ -1,4 +1,4 @@
-"""What does each state of a flight command, how long may it last, and what does its plan leave to do?"""
+"""Procedures of a flight: the commands, time limit and recorded note of each state."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from skyrange.gcs.plans import FlightPlan
 from skyrange.gcs.streams import interval_us
 
 PREPARE_S = 60.0
-"""How long arming and mode changes are asked for again: ArduCopter's estimator takes up to a minute to settle."""
+"""For how long arming and mode changes are retried; ArduCopter's estimator takes up to a minute to settle."""
 ARM_LEAD_S = 3.0
-"""How long before its departure an aircraft is armed, so that the start itself waits for nothing.
+"""How long before its departure an aircraft is armed, so that it can start on time.
 
-Heartbeats, which show it, come every second; ArduCopter disarms by itself after DISARM_DELAY, 10 s."""
+The heartbeats that confirm arming come once per second. ArduCopter disarms by itself after DISARM_DELAY, 10 s."""
 TAKEOFF_S = 10.0
-"""How long a take-off is asked for again. Where only its acknowledgement got lost, ArduCopter refuses the second one;
-within this time the aircraft is seen to climb."""
+"""For how long a take-off command is retried. If only the acknowledgement was lost, ArduCopter rejects the repeated
+command, and telemetry shows within this time that the aircraft climbs."""
 FLIGHT_FACTOR = 3.0
 FLIGHT_EXTRA_S = 120.0
-"""A flight may last `FLIGHT_FACTOR` times its estimate and this much more."""
+"""A flight may last `FLIGHT_FACTOR` times its estimated duration plus this many seconds."""
 
 NOTES: Mapping[Event, str] = MappingProxyType(
     {
@@ -50,16 +50,16 @@ NOTES: Mapping[Event, str] = MappingProxyType(
         Event.GAVE_UP: "decision.gave_up",
     }
 )
-"""The note that each event leaves in the record; none where the state entered writes its own."""
+"""The kind of note that each event writes to the record; empty if the next state writes its own note."""
 
 DONE: Mapping[State, Event] = MappingProxyType(
     {State.STREAMING: Event.STREAMS_SET, State.PREPARING: Event.PREPARED, State.STARTING: Event.STARTED}
 )
-"""The event that follows when a state's commands are all carried out. ARMING waits for a heartbeat."""
+"""The event that is raised when all commands of a state are accepted. ARMING waits for a heartbeat instead."""
 
 
 def commands(state: State, plan: FlightPlan, streams: tuple[tuple[int, float], ...]) -> tuple[Command, ...]:
-    """What entering `state` commands, in order."""
+    """The commands that are sent on entry to `state`, in order."""
     if state is State.STREAMING:
         return stream_commands(streams)
     if state is State.PREPARING:
@@ -67,7 +67,7 @@ def commands(state: State, plan: FlightPlan, streams: tuple[tuple[int, float], .
     if state is State.ARMING:
         return (Command(mav.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arm", PREPARE_S),)
     if state is State.STARTING:
-        return _start(plan)
+        return _start_commands(plan)
     if state is State.FLYING and plan.kind == "guided":
         speed = (1.0, plan.cruise_mps, -1.0)  # ground speed, throttle unchanged
         return (Command(mav.MAV_CMD_DO_CHANGE_SPEED, speed, "speed", optional=True),)
@@ -78,9 +78,9 @@ def commands(state: State, plan: FlightPlan, streams: tuple[tuple[int, float], .
     return ()
 
 
-def _start(plan: FlightPlan) -> tuple[Command, ...]:
+def _start_commands(plan: FlightPlan) -> tuple[Command, ...]:
     if plan.kind == "auto":
-        # AUTO first: an armed aircraft on the ground holds still in it until the start raises auto_armed.
+        # AUTO first: an armed aircraft on the ground stays there in AUTO until MISSION_START sets auto_armed.
         return (
             set_mode(mav.COPTER_MODE_AUTO, "AUTO"),
             Command(mav.MAV_CMD_MISSION_START, (0.0, 0.0), "mission start", 5.0),
@@ -90,7 +90,7 @@ def _start(plan: FlightPlan) -> tuple[Command, ...]:
 
 
 def stream_commands(streams: tuple[tuple[int, float], ...]) -> tuple[Command, ...]:
-    """One SET_MESSAGE_INTERVAL per (message id, rate in Hz); an autopilot may refuse what it does not send."""
+    """One SET_MESSAGE_INTERVAL per (message id, rate in Hz); an autopilot may reject messages that it does not have."""
     return tuple(
         Command(
             mav.MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -103,7 +103,7 @@ def stream_commands(streams: tuple[tuple[int, float], ...]) -> tuple[Command, ..
 
 
 def limit_s(state: State, duration_s: float) -> float | None:
-    """How long `state` may last, for a flight estimated at `duration_s`; `None` where retries bound it."""
+    """Time limit of `state` in seconds for a flight estimated at `duration_s`; `None` if retries limit it instead."""
     if state in (State.CONNECTING, State.LISTENING):
         return 60.0
     if state is State.ARMING:
@@ -114,7 +114,7 @@ def limit_s(state: State, duration_s: float) -> float | None:
 
 
 def last_leg(plan: FlightPlan) -> int:
-    """Sequence number (home is 0) of a mission's last navigation command; 0 if it has none."""
+    """Sequence number (home is 0) of a mission's last navigation command; 0 if there is none."""
     last = 0
     for seq, item in enumerate(plan.items, start=1):
         if item.command < mav.MAV_CMD_NAV_LAST:
@@ -123,15 +123,15 @@ def last_leg(plan: FlightPlan) -> int:
 
 
 def lands_itself(plan: FlightPlan) -> bool:
-    """Whether a mission ends on the ground without the station's doing."""
+    """Whether a mission ends on the ground without a command of the ground station."""
     last = last_leg(plan)
     return last > 0 and plan.items[last - 1].command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)
 
 
 def too_early(state: State, plan: FlightPlan, progress: int) -> str:
-    """Why being disarmed in `state` is not a landing; empty where it is one.
+    """Why disarming in `state` counts as premature; empty if it counts as the landing.
 
-    `progress` is the farthest mission item seen, or the index of a guided plan's present target.
+    `progress` is the highest mission item number reported, or the index of a guided plan's current target.
     """
     if state is State.RETURNING:
         return ""

@@ -1,9 +1,9 @@
-"""Who flies an operator's fleet? The ground station: one agent, a remote pilot per aircraft.
+"""Ground station of one operator: one agent, with a flight sequencer per aircraft.
 
-It talks on `gcs:<vehicle>` with each of its own aircraft and on `approval:<operator>` with the flight
-approval, and hears of its ground receivers on `oracle:<operator>`, where it has any. Who is due next stands
-in a heap, so a fleet that is silent costs nothing.
-Telemetry is decoded in columns; a pilot reads what may change what it does (`gcs.reading`).
+It exchanges MAVLink with each of its own aircraft on `gcs:<vehicle>`, submits flight plans to the flight approval on
+`approval:<operator>`, and receives reports of its ground receivers, if it has any, on `oracle:<operator>`. Flight
+sequencers wait in a heap ordered by due time, so a silent fleet costs nothing. Telemetry is decoded in columns; a
+flight sequencer reads only messages that may change its decisions (`gcs.reading`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from skyrange.core.errors import DecodeError, Fault, InputError, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.belief import Belief, Beliefs
-from skyrange.gcs.flights import Flight, Outcome
+from skyrange.gcs.flights import Flight, FlightOutcome
 from skyrange.gcs.lifecycle import OVER, State
 from skyrange.gcs.lookout import Lookout
 from skyrange.gcs.pilot import (
@@ -44,15 +44,15 @@ from skyrange.utm.messages import DecisionBody, decode_response
 
 SERVICE_NS = 20 * NS_PER_MS
 LINK_ID = 0
-"""In signatures: it has one MAVLink connection with each aircraft (pymavlink's default)."""
+"""Link id in MAVLink signatures; the station has one connection with each aircraft (pymavlink's default)."""
 MAX_SYSTEM_ID = 250
-"""Above are ground stations and the like; 0 broadcasts."""
+"""Higher ids belong to ground stations and similar systems; 0 is the broadcast id."""
 
 
 class GroundStation:
     """The ground station of one operator (endpoint `<operator>.gcs`, MAVLink 255/190 in every network).
 
-    Aircraft are told apart by link and system id, so it serves any number of MAVLink networks.
+    It distinguishes aircraft by link and system id, so it serves any number of MAVLink networks.
     """
 
     def __init__(
@@ -66,18 +66,18 @@ class GroundStation:
         key: SigningKey | None = None,
         service_ns: Time = SERVICE_NS,
     ) -> None:
-        """Plans must be free of faults (`checks.check`); `lookout` is of this operator's ground receivers.
+        """The plans must have no problems (`checks.check`); `lookout` is that of the ground receivers.
 
-        With a `key` it signs what it sends to aircraft, and believes none that does not sign with the same.
-        Raises `InputError` for another operator's vehicle, a vehicle or system id given twice or out of
-        range, or an unknown profile of `streams`.
+        With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
+        key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
+        out of range, and for an unknown profile of `streams`.
         """
         _check(operator, flights, streams)
         self.name = endpoint(operator, "gcs")
         self.operator = operator
         self.service_ns = service_ns
         approval = Port(self.name, link_name("approval", operator))
-        wanted = PROFILES[streams]
+        profile = PROFILES[streams]
         self._beliefs = Beliefs(len(flights))
         self._sequences = np.zeros(len(flights), dtype=np.int64)
         self._pilots = [
@@ -86,7 +86,7 @@ class GroundStation:
                 Port(self.name, link_name("gcs", flight.vehicle)),
                 approval,
                 epoch,
-                wanted,
+                profile,
                 self._beliefs.of(place),
                 RowPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
             )
@@ -96,9 +96,9 @@ class GroundStation:
         reports = [Port(self.name, link_name("oracle", operator))] if lookout is not None else []
         self.ports: Sequence[Port] = (*(pilot.port for pilot in self._pilots), approval, *reports)
         self.lookout = lookout
-        """What the ground receivers hear; `None` without any."""
+        """The traffic picture of the ground receivers; `None` without receivers."""
         self.bad_approvals = 0
-        """Frames on the approval link that were not understood or not asked for."""
+        """Number of frames on the approval link that could not be decoded or that answer no request."""
         self._places = {port: place for place, port in enumerate(self.ports)}
         self._signed: SignedMail | None = None
         if key is not None:
@@ -112,19 +112,19 @@ class GroundStation:
     # --- the agent -------------------------------------------------------------------------------
 
     def next_wakeup(self) -> Time | None:
-        """When the next pilot, or the lookout, may have something to do; `None` for a station without aircraft."""
+        """When the next flight sequencer or the traffic picture is due; `None` for a station without aircraft."""
         due = min(self._heap[0][0], self._beat_due) if self._heap else self._beat_due
         if self.lookout is not None:
             due = min(due, self.lookout.due)
         return None if due == NEVER else due
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Read the mail, then do what is due."""
+        """Process what was received, then do what is due."""
         out = Outbox()
         if len(inbox):
             self._read(now, inbox, out)
-        beats = now >= self._beat_due
-        if beats:
+        heartbeat_due = now >= self._beat_due
+        if heartbeat_due:
             self._beat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
             for place in self._beliefs.old(now, LINK_TIMEOUT_NS, STALE_NS).tolist():
                 self._pilots[place].look_at_news(now, out)
@@ -137,8 +137,8 @@ class GroundStation:
             if pilot.due <= now:
                 pilot.on_time(now, out)
             self._queue(place)
-        if beats:
-            self._beat(out)
+        if heartbeat_due:
+            self._send_heartbeats(out)
         if self.lookout is not None and self.lookout.due <= now:
             self.lookout.look(now, out)
         if self._signed is not None:
@@ -146,7 +146,7 @@ class GroundStation:
         return out
 
     def _read(self, now: Time, inbox: Inbox, out: Outbox) -> None:
-        """Decode all that came; what only renews what is known is taken in at once, the rest read in order."""
+        """Decode all received frames; frames that only refresh a belief are handled at once, the rest in order."""
         table = inbox.columns(self._places)
         if self._signed is not None:
             table = self._signed.open(now, inbox, table, out)
@@ -161,21 +161,22 @@ class GroundStation:
             elif place < len(self._pilots) and self._pilots[place].on_frame(now, arrival, out):
                 self._queue(place)
 
-    def _beat(self, out: Outbox) -> None:
-        """Send the station's heartbeat to all aircraft."""
+    def _send_heartbeats(self, out: Outbox) -> None:
+        """Send the station's HEARTBEAT to all aircraft."""
         places = np.arange(len(self._pilots))
-        beat = np.zeros(len(places), dtype=dtype_of(mav.MAVLINK_MSG_ID_HEARTBEAT))
-        beat["type"], beat["autopilot"] = mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID
-        beat["system_status"], beat["mavlink_version"] = mav.MAV_STATE_ACTIVE, 3
+        heartbeats = np.zeros(len(places), dtype=dtype_of(mav.MAVLINK_MSG_ID_HEARTBEAT))
+        heartbeats["type"], heartbeats["autopilot"] = mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID
+        heartbeats["system_status"], heartbeats["mavlink_version"] = mav.MAV_STATE_ACTIVE, 3
         sequences = np.empty_like(places)
         number(places, self._sequences, sequences)
         frames = pack(
-            [(mav.MAVLINK_MSG_ID_HEARTBEAT, beat, np.full_like(places, STATION_SYSTEM), sequences)], STATION_COMPONENT
+            [(mav.MAVLINK_MSG_ID_HEARTBEAT, heartbeats, np.full_like(places, STATION_SYSTEM), sequences)],
+            STATION_COMPONENT,
         )
         out.send_block(places, frames)
 
     def _queue(self, place: int) -> None:
-        """Have a pilot in the heap by the time it is due; earlier entries find nothing to do and are dropped."""
+        """Put a sequencer into the heap by its due time; superseded entries find nothing to do when they are popped."""
         pilot = self._pilots[place]
         due = pilot.due
         if pilot.state is State.REQUESTING:
@@ -195,7 +196,7 @@ class GroundStation:
             if not isinstance(body, DecisionBody):
                 reason = f"status {response.status}: {body.message}"
             elif body.id not in self._by_intent:
-                reason = f"an answer to {body.id}, which was not asked for"
+                reason = f"an answer to {body.id}, which was not requested"
             else:
                 place = self._by_intent[body.id]
                 self._pilots[place].on_decision(now, body, arrival.ref, out)
@@ -206,34 +207,34 @@ class GroundStation:
             data: dict[str, Scalar] = {"count": self.bad_approvals, "reason": reason}
             out.note("decision.bad_approval", self.operator, data, (arrival.ref,))
 
-    # --- what it knows ---------------------------------------------------------------------------
+    # --- state --------------------------------------------------------------------------------
 
     @property
     def finished(self) -> bool:
-        """Whether every flight is complete or failed."""
+        """Whether every flight has ended."""
         return all(pilot.state in OVER for pilot in self._pilots)
 
     @property
     def states(self) -> Mapping[str, State]:
-        """Vehicle id → where its flight stands."""
+        """Vehicle id → state of its flight."""
         return {pilot.flight.vehicle: pilot.state for pilot in self._pilots}
 
     @property
-    def outcomes(self) -> Mapping[str, Outcome]:
-        """Vehicle id → how its flight ended, for those that have."""
+    def outcomes(self) -> Mapping[str, FlightOutcome]:
+        """Vehicle id → outcome of its flight, for the flights that have ended."""
         return {pilot.flight.vehicle: pilot.outcome for pilot in self._pilots if pilot.outcome is not None}
 
     def belief(self, vehicle: str) -> Belief:
-        """What the station believes about one of its aircraft; `KeyError` for another's."""
+        """The station's belief about one of its aircraft; `KeyError` for any other aircraft."""
         return self._pilots[self._place(vehicle)].belief
 
     def latest(self, vehicle: str, message_id: int) -> Any:
-        """The last message of a kind from one of its aircraft, a record of its fields; `None` if there was none."""
+        """The latest message of a kind from one of its aircraft as a record of its fields; `None` if there was none."""
         return self._reader.latest(self._place(vehicle), message_id)
 
     @property
     def tracks(self) -> TrackTable | None:
-        """Whom its ground receivers hear, a row for each of `lookout.receivers`; `None` without any."""
+        """The tracks of its ground receivers, one row for each receiver; `None` without receivers."""
         return None if self.lookout is None else self.lookout.tracks
 
     def _place(self, vehicle: str) -> int:

@@ -1,8 +1,8 @@
-"""Which telemetry does a ground station ask for, and how often? Profiles of messages and streams.
+"""Telemetry stream profiles: which messages and data streams a ground station requests, and at what rates.
 
-ArduCopter sends HEARTBEAT at 1 Hz unasked. The rest is asked for message by message, with
-MAV_CMD_SET_MESSAGE_INTERVAL, or by stream, with REQUEST_DATA_STREAM, which is never acknowledged; what a stream holds
-is the autopilot's choice.
+ArduCopter sends HEARTBEAT at 1 Hz without a request. Other telemetry is requested either per message, with
+MAV_CMD_SET_MESSAGE_INTERVAL, or per data stream, with REQUEST_DATA_STREAM. An autopilot never acknowledges
+REQUEST_DATA_STREAM, and it decides which messages a stream contains.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from skyrange.codec.mavlink import dialect as mav
 
 
 class Profile(NamedTuple):
-    """What is asked for: (message id, rate in Hz) and (MAV_DATA_STREAM, rate in Hz)."""
+    """What is requested: (message id, rate in Hz) and (MAV_DATA_STREAM, rate in Hz)."""
 
     messages: tuple[tuple[int, float], ...]
     streams: tuple[tuple[int, int], ...] = ()
@@ -30,7 +30,7 @@ LIGHT: Mapping[int, float] = MappingProxyType(
         mav.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
     }
 )
-"""7 frames a second; with HEARTBEAT the light load of 8 telemetry frames per aircraft-second."""
+"""7 frames per second; with HEARTBEAT these make the light load of 8 telemetry frames per aircraft and second."""
 
 OPERATOR: Final = Profile(
     ((mav.MAVLINK_MSG_ID_HOME_POSITION, 1.0), (mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 1.0)),
@@ -44,20 +44,20 @@ OPERATOR: Final = Profile(
         (mav.MAV_DATA_STREAM_EXTRA3, 3),
     ),
 )
-"""What a QGroundControl session asks of ArduPilot (`APMFirmwarePlugin::initializeStreamRates`, defaults of
-APMMavlinkStreamRate.SettingsGroup.json): about 105 frames a second of the builtin autopilot in flight."""
+"""What a QGroundControl session requests from ArduPilot (`APMFirmwarePlugin::initializeStreamRates`, defaults of
+APMMavlinkStreamRate.SettingsGroup.json). The builtin autopilot in flight answers with about 105 frames per second."""
 
 PROFILES: Mapping[str, Profile] = MappingProxyType({"light": Profile(tuple(LIGHT.items())), "operator": OPERATOR})
-"""By name."""
+"""Stream profiles by the name that a scenario uses."""
 
 
 def interval_us(rate_hz: float) -> int:
-    """The interval that SET_MESSAGE_INTERVAL asks for, in microseconds."""
+    """The interval parameter of SET_MESSAGE_INTERVAL for a rate, in microseconds."""
     return round(1_000_000 / rate_hz)
 
 
 def requests(profile: Profile, system: int, component: int) -> list[Message]:
-    """A REQUEST_DATA_STREAM for each stream of a profile."""
+    """One REQUEST_DATA_STREAM message for each data stream of a profile."""
     return [
         mav.MAVLink_request_data_stream_message(system, component, stream, rate_hz, 1)
         for stream, rate_hz in profile.streams

@@ -1,11 +1,12 @@
-"""Is the mission in the autopilot? The MAVLink mission protocol from the ground station's side.
+"""Mission upload and read-back: the MAVLink mission protocol, ground station side.
 
-https://mavlink.io/en/services/mission.html: upload (MISSION_COUNT, items on request, MISSION_ACK) and
-download (MISSION_REQUEST_LIST, items by request, MISSION_ACK), with its default timeouts. Beyond it,
-because links lose, repeat and reorder: every request for an item in range is answered, whichever
-and however often; INVALID_SEQUENCE (ArduPilot's answer to an item that came twice) is not a failure;
-an ACCEPTED counts only once the last item was asked for, so that an old one is not believed; and what
-a peer refuses for now (ERROR, DENIED while another transfer runs, OPERATION_CANCELLED) is begun again.
+By https://mavlink.io/en/services/mission.html, with its default timeouts: upload (MISSION_COUNT, items on request,
+MISSION_ACK) and download (MISSION_REQUEST_LIST, items on request, MISSION_ACK). Four additions make transfers
+robust on links that lose, duplicate and reorder frames. Every request for an item in range is answered, in any
+order and any number of times. INVALID_SEQUENCE, ArduPilot's answer to an item that arrived twice, is not a failure.
+ACCEPTED counts only after the last item was requested, so that an old acknowledgement is not mistaken for the
+current one. A temporary rejection (ERROR, DENIED while another transfer runs, OPERATION_CANCELLED) restarts the
+transfer.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ from skyrange.gcs.wire_items import WireItem, difference
 TIMEOUT_NS = 1_500 * NS_PER_MS
 """mavlink.io "Timeouts and retries": default."""
 ITEM_TIMEOUT_NS = 250 * NS_PER_MS
-"""mavlink.io "Timeouts and retries": mission items. Doubled with each retry, up to `TIMEOUT_NS`: over a link whose
-answers take longer, asking ever again at this pace would end before the first one came."""
+"""mavlink.io "Timeouts and retries": mission items. The timeout doubles with each retry, up to `TIMEOUT_NS`: on a
+link with a longer round trip, all retries at the initial rate would be used up before the first answer."""
 MAX_RETRIES = 5
 """mavlink.io "Timeouts and retries": retries before cancelling."""
 MAX_ATTEMPTS = 3
-"""How often a whole transfer is begun that was refused for now or broke off."""
+"""How often a whole transfer is started before it is given up."""
 
-_FOR_NOW = frozenset({mav.MAV_MISSION_ERROR, mav.MAV_MISSION_DENIED, mav.MAV_MISSION_OPERATION_CANCELLED})
+_TEMPORARY = frozenset({mav.MAV_MISSION_ERROR, mav.MAV_MISSION_DENIED, mav.MAV_MISSION_OPERATION_CANCELLED})
 _HOME_SEQ = 0
-"""ArduPilot keeps item 0 itself: its home, whatever was uploaded."""
+"""ArduPilot sets item 0 to its own home, regardless of what was uploaded."""
 
 
 @dataclass(slots=True)
 class Transfer:
-    """What upload and download share: the peer, when something is due, and how it went.
+    """State common to upload and download: the peer, the next deadline, and the result.
 
-    `result` is empty while under way, `"done"` at the end, else why it was given up.
+    `result` is empty during the transfer, `"done"` after success, else the reason for which it was given up.
     """
 
     items: tuple[WireItem, ...]
@@ -49,35 +50,35 @@ class Transfer:
     result: str = ""
 
     def begin(self, now: Time) -> list[Message]:
-        """Begin, or begin again; what to send."""
+        """Start or restart the transfer; returns the messages to send."""
         self.attempts += 1
         self.retries = 0
         self.due = now + TIMEOUT_NS
-        return [self._opening()]
+        return [self._first_message()]
 
     def on_time(self, now: Time) -> list[Message]:
-        """What to send at `due`: the last message again, or the opening where all begins anew."""
+        """The messages to send at `due`: the last one again, or the first one if the transfer restarts."""
         if now < self.due or self.result:
             return []
         self.retries += 1
         if self.retries > MAX_RETRIES:
-            return self._again(now, "no answer")
+            return self._restart(now, "no answer")
         return self._repeat(now)
 
     def on_ack(self, now: Time, kind: int) -> None:
-        """MISSION_ACK with result `kind` (MAV_MISSION_RESULT)."""
+        """Handle a MISSION_ACK with result `kind` (MAV_MISSION_RESULT)."""
         raise NotImplementedError
 
-    def _refused(self, now: Time, kind: int) -> None:
-        """A negative MISSION_ACK."""
+    def _reject(self, now: Time, kind: int) -> None:
+        """Handle a negative MISSION_ACK."""
         reason = result_name("MAV_MISSION_RESULT", "MAV_MISSION_", kind)
-        if kind in _FOR_NOW and self.attempts < MAX_ATTEMPTS:
-            self.retries = MAX_RETRIES  # the next `on_time` begins again, after what is under way has settled
+        if kind in _TEMPORARY and self.attempts < MAX_ATTEMPTS:
+            self.retries = MAX_RETRIES  # the next `on_time` restarts the transfer, once frames in flight have arrived
             self.due = now + TIMEOUT_NS
         else:
             self._end(f"{self._name()} refused: {reason}")
 
-    def _again(self, now: Time, reason: str) -> list[Message]:
+    def _restart(self, now: Time, reason: str) -> list[Message]:
         if self.attempts < MAX_ATTEMPTS:
             return self.begin(now)
         self._end(f"{self._name()}: {reason} in {self.attempts} attempts")
@@ -90,7 +91,7 @@ class Transfer:
     def _name(self) -> str:
         raise NotImplementedError
 
-    def _opening(self) -> Message:
+    def _first_message(self) -> Message:
         raise NotImplementedError
 
     def _repeat(self, now: Time) -> list[Message]:
@@ -99,22 +100,22 @@ class Transfer:
 
 @dataclass(slots=True)
 class Upload(Transfer):
-    """The mission goes up."""
+    """Upload of the mission."""
 
     last_sent: int = -1
     complete: bool = False
-    """Whether the last item was asked for in this attempt."""
+    """Whether the last item was requested in this attempt."""
 
     def begin(self, now: Time) -> list[Message]:
-        """Announce the number of items."""
+        """Send MISSION_COUNT."""
         self.last_sent = -1
         self.complete = False
         return Transfer.begin(self, now)
 
     def on_request(self, now: Time, seq: int) -> list[Message]:
-        """MISSION_REQUEST_INT or MISSION_REQUEST for item `seq`: the item, if there is one.
+        """Answer a MISSION_REQUEST_INT or MISSION_REQUEST for item `seq` with the item, if it exists.
 
-        Also after the end, for requests that come late.
+        Late requests are answered even after the transfer has ended.
         """
         if seq >= len(self.items):
             return []
@@ -126,19 +127,19 @@ class Upload(Transfer):
         return [self.items[seq].message(seq, self.system, self.component)]
 
     def on_ack(self, now: Time, kind: int) -> None:
-        """MISSION_ACK."""
+        """Handle a MISSION_ACK."""
         if self.result or kind == mav.MAV_MISSION_INVALID_SEQUENCE:
             return
         if kind == mav.MAV_MISSION_ACCEPTED:
             if self.complete:
                 self._end("done")
         else:
-            self._refused(now, kind)
+            self._reject(now, kind)
 
     def _name(self) -> str:
         return "mission upload"
 
-    def _opening(self) -> Message:
+    def _first_message(self) -> Message:
         return mav.MAVLink_mission_count_message(
             self.system, self.component, len(self.items), mav.MAV_MISSION_TYPE_MISSION
         )
@@ -146,72 +147,72 @@ class Upload(Transfer):
     def _repeat(self, now: Time) -> list[Message]:
         self.due = now + TIMEOUT_NS
         if self.last_sent < 0:
-            return [self._opening()]
+            return [self._first_message()]
         return [self.items[self.last_sent].message(self.last_sent, self.system, self.component)]
 
 
 @dataclass(slots=True)
 class Download(Transfer):
-    """The mission is read back and compared with what was sent."""
+    """Read-back of the mission, compared item by item with what was sent."""
 
-    wanted: int = -1
-    """The item asked for; -1 while the count is awaited."""
+    requested: int = -1
+    """The number of the requested item; -1 while MISSION_COUNT is awaited."""
 
     def begin(self, now: Time) -> list[Message]:
-        """Ask for the list."""
-        self.wanted = -1
+        """Send MISSION_REQUEST_LIST."""
+        self.requested = -1
         return Transfer.begin(self, now)
 
     def on_count(self, now: Time, count: int) -> list[Message]:
-        """MISSION_COUNT: ask for the first item, or see that the number is wrong."""
-        if self.result or self.wanted >= 0:
+        """Handle a MISSION_COUNT: request the first item, or end the transfer if the number is wrong."""
+        if self.result or self.requested >= 0:
             return []
         if count != len(self.items):
             self._end(f"read-back differs: {count} items, sent {len(self.items)}")
-            return [self._closing(mav.MAV_MISSION_OPERATION_CANCELLED)]
-        return self._ask(now, _HOME_SEQ)
+            return [self._ack_message(mav.MAV_MISSION_OPERATION_CANCELLED)]
+        return self._request(now, _HOME_SEQ)
 
     def on_item(self, now: Time, item: Message) -> list[Message]:
-        """MISSION_ITEM_INT: ask for the next one, or close; others than the one asked for are ignored."""
-        if self.result or item.seq != self.wanted:
+        """Handle a MISSION_ITEM_INT: request the next item, or finish. Items that were not requested are ignored."""
+        if self.result or item.seq != self.requested:
             return []
         problem = difference(self.items[item.seq], item) if item.seq != _HOME_SEQ else ""
         if problem:
             self._end(f"read-back differs at item {item.seq}: {problem}")
-            return [self._closing(mav.MAV_MISSION_OPERATION_CANCELLED)]
+            return [self._ack_message(mav.MAV_MISSION_OPERATION_CANCELLED)]
         if item.seq == len(self.items) - 1:
             self._end("done")
-            return [self._closing(mav.MAV_MISSION_ACCEPTED)]
-        return self._ask(now, item.seq + 1)
+            return [self._ack_message(mav.MAV_MISSION_ACCEPTED)]
+        return self._request(now, item.seq + 1)
 
     def on_ack(self, now: Time, kind: int) -> None:
-        """MISSION_ACK: only a refusal means anything here."""
+        """Handle a MISSION_ACK; only a rejection has a meaning during a download."""
         if not self.result and kind not in (mav.MAV_MISSION_ACCEPTED, mav.MAV_MISSION_INVALID_SEQUENCE):
-            self._refused(now, kind)
+            self._reject(now, kind)
 
-    def _ask(self, now: Time, seq: int) -> list[Message]:
-        self.wanted = seq
+    def _request(self, now: Time, seq: int) -> list[Message]:
+        self.requested = seq
         self.retries = 0
         self.due = now + ITEM_TIMEOUT_NS
-        return [self._asking()]
+        return [self._request_message()]
 
-    def _asking(self) -> Message:
+    def _request_message(self) -> Message:
         return mav.MAVLink_mission_request_int_message(
-            self.system, self.component, self.wanted, mav.MAV_MISSION_TYPE_MISSION
+            self.system, self.component, self.requested, mav.MAV_MISSION_TYPE_MISSION
         )
 
-    def _closing(self, kind: int) -> Message:
+    def _ack_message(self, kind: int) -> Message:
         return mav.MAVLink_mission_ack_message(self.system, self.component, kind, mav.MAV_MISSION_TYPE_MISSION)
 
     def _name(self) -> str:
         return "mission read-back"
 
-    def _opening(self) -> Message:
+    def _first_message(self) -> Message:
         return mav.MAVLink_mission_request_list_message(self.system, self.component, mav.MAV_MISSION_TYPE_MISSION)
 
     def _repeat(self, now: Time) -> list[Message]:
-        if self.wanted < 0:
+        if self.requested < 0:
             self.due = now + TIMEOUT_NS
-            return [self._opening()]
+            return [self._first_message()]
         self.due = now + min(ITEM_TIMEOUT_NS << self.retries, TIMEOUT_NS)
-        return [self._asking()]
+        return [self._request_message()]

@@ -1,8 +1,8 @@
-"""Which airspace does a plan claim, and when? One 4-D volume per leg, with stated margins.
+"""Airspace volumes of a flight plan: one 4-D volume per leg, with stated margins.
 
-A volume is the leg's footprint widened by `horizontal_m` all round, the band of its heights widened by
-`vertical_m` (not below the ground), and the time it is expected to be flown, `early_s` before to
-`late_s` after, plus a share of the time flown so far, since estimates drift.
+A volume is the leg's footprint widened by `horizontal_m` on all sides, its range of heights widened by
+`vertical_m` (but not below the ground), and the time in which the leg is expected to be flown, from `early_s`
+before to `late_s` after, plus a share of the time flown so far, because the error of the estimate grows with it.
 """
 
 from __future__ import annotations
@@ -23,24 +23,24 @@ from skyrange.gcs.routes import legs
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """How much more airspace and time than the estimate is claimed; all at least 0, `horizontal_m` above 0."""
+    """By how much a volume exceeds the estimated leg; all values at least 0, `horizontal_m` above 0."""
 
     horizontal_m: float = 5.0
     vertical_m: float = 3.0
     early_s: float = 5.0
     late_s: float = 30.0
     drift: float = 0.25
-    """Share of the flight time so far by which a leg may be late."""
+    """By how much a leg may be late, as a share of the flight time up to it."""
 
 
 MARGINS = Margins()
 _QUADRANT_SEGMENTS = 2
 _CIRCUMSCRIBE = 1.0 / math.cos(math.pi / 8.0)
-"""Round ends are octagons, to have few vertices; this factor puts the circle inside its octagon."""
+"""Round ends are drawn as octagons, which have few vertices; this factor makes each octagon enclose its circle."""
 
 
 def volumes(plan: FlightPlan, depart_ns: Time, margins: Margins = MARGINS) -> tuple[Volume4D, ...]:
-    """The volumes of `plan`, taking off at `depart_ns`, one per leg, in flying order."""
+    """The volumes of `plan` with take-off at `depart_ns`: one per leg, in the order flown."""
     out: list[Volume4D] = []
     since_s = 0.0
     for leg in legs(plan):

@@ -1,8 +1,9 @@
-"""How does a mission item stand on the wire, and is what came back the same? MISSION_ITEM_INT, both ways.
+"""Mission items as MISSION_ITEM_INT: encoding for upload, and comparison with what is read back.
 
-An autopilot keeps less than it is given: ArduCopter stores altitudes in centimetres, hold times in
-whole seconds, places only for some commands, and says frame 3 where 6 was sent. So comparing is by
-what can be kept (libraries/AP_Mission/AP_Mission.cpp, `mission_cmd_to_mavlink_int`), and exact in that.
+An autopilot stores less than it receives: ArduCopter stores altitudes in centimetres, hold times in whole
+seconds, and positions only for some commands, and it reports frame 3 where 6 was sent. The comparison
+therefore covers what ArduCopter stores (libraries/AP_Mission/AP_Mission.cpp, `mission_cmd_to_mavlink_int`),
+and is exact in that.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from skyrange.codec.missions import MissionItem
 from skyrange.gcs.plans import GLOBAL_FRAMES, HOME_FRAMES, LOCATED, MSL_FRAMES, FlightPlan
 
 ALT_TOLERANCE_M = 0.0101
-"""ArduCopter truncates to whole centimetres; the rest is 32-bit rounding."""
+"""ArduCopter truncates to whole centimetres; the rest allows for 32-bit rounding."""
 WHOLE_TOLERANCE = 1.0
-"""For parameters kept as whole numbers: they may lose their fraction."""
+"""For parameters that are stored as whole numbers and may lose their fraction."""
 FLOAT_TOLERANCE = 1e-3
 
-_KEPT: dict[int, tuple[tuple[str, float], ...]] = {
+_COMPARED_PARAMS: dict[int, tuple[tuple[str, float], ...]] = {
     mav.MAV_CMD_NAV_WAYPOINT: (("param1", WHOLE_TOLERANCE),),
     mav.MAV_CMD_NAV_SPLINE_WAYPOINT: (("param1", WHOLE_TOLERANCE),),
     mav.MAV_CMD_NAV_LOITER_TIME: (("param1", WHOLE_TOLERANCE),),
@@ -31,11 +32,11 @@ _KEPT: dict[int, tuple[tuple[str, float], ...]] = {
     mav.MAV_CMD_DO_JUMP: (("param1", FLOAT_TOLERANCE), ("param2", FLOAT_TOLERANCE)),
     mav.MAV_CMD_DO_CHANGE_SPEED: (("param1", FLOAT_TOLERANCE), ("param2", FLOAT_TOLERANCE)),
 }
-"""Parameters that are compared, by command, and how far they may differ (below, for the whole ones)."""
+"""By command, the parameters that are compared and the difference that each must stay below."""
 
 
 class WireItem(NamedTuple):
-    """A mission item with x and y as they travel: 1e-7 degrees in global frames. No NaN."""
+    """A mission item with x and y as MISSION_ITEM_INT encodes them: 1e-7 degrees in global frames. No NaN."""
 
     frame: int
     command: int
@@ -49,7 +50,7 @@ class WireItem(NamedTuple):
     autocontinue: int
 
     def message(self, seq: int, system: int, component: int) -> Message:
-        """The MISSION_ITEM_INT that carries it as item `seq`."""
+        """The MISSION_ITEM_INT message that carries it as item number `seq`."""
         return mav.MAVLink_mission_item_int_message(
             system, component, seq, self.frame, self.command, 0, self.autocontinue,
             self.param1, self.param2, self.param3, self.param4, self.x, self.y, self.z,
@@ -58,15 +59,15 @@ class WireItem(NamedTuple):
 
 
 def wire_items(plan: FlightPlan) -> tuple[WireItem, ...]:
-    """All items of an auto plan as they are uploaded, ArduPilot's item 0 (home) first."""
+    """All items of an auto plan as they are uploaded; ArduPilot's item 0 (home) comes first."""
     lat, lon = plan.origin.geodetic_of(plan.home_enu_m.east_m, plan.home_enu_m.north_m)
     alt_m = plan.origin.alt_msl_m + plan.home_enu_m.up_m
     home = MissionItem(mav.MAV_FRAME_GLOBAL, mav.MAV_CMD_NAV_WAYPOINT, 0.0, 0.0, 0.0, 0.0, lat, lon, alt_m)
-    return tuple(_wire(item) for item in (home, *plan.items))
+    return tuple(_encode(item) for item in (home, *plan.items))
 
 
-def _wire(item: MissionItem) -> WireItem:
-    # An unset (NaN) parameter goes up as 0: ArduCopter refuses most NaN, and stores 0 for unset ones.
+def _encode(item: MissionItem) -> WireItem:
+    # An unset (NaN) parameter is sent as 0: ArduCopter rejects most NaN, and stores 0 for unset parameters.
     p1, p2, p3, p4 = (0.0 if math.isnan(value) else value for value in item.values[:4])
     scale = 1e7 if item.frame in GLOBAL_FRAMES and item.command in LOCATED else 1.0
     x, y = round(item.x * scale), round(item.y * scale)
@@ -74,7 +75,7 @@ def _wire(item: MissionItem) -> WireItem:
 
 
 def difference(sent: WireItem, got: Message) -> str:
-    """How the MISSION_ITEM_INT `got` differs from what was `sent`; empty if it is the same item."""
+    """How the MISSION_ITEM_INT `got` differs from the item that was `sent`; empty if they are the same item."""
     if got.command != sent.command:
         return f"command is {got.command}, sent {sent.command}"
     if sent.command in LOCATED:
@@ -86,7 +87,7 @@ def difference(sent: WireItem, got: Message) -> str:
             return f"longitude is {got.y / 1e7:.7f}, sent {sent.y / 1e7:.7f}"
         if not abs(got.z - sent.z) <= ALT_TOLERANCE_M + abs(sent.z) * 1e-6:
             return f"altitude is {got.z:.2f} m, sent {sent.z:.2f} m"
-    for name, tolerance in _KEPT.get(sent.command, ()):
+    for name, tolerance in _COMPARED_PARAMS.get(sent.command, ()):
         value, wanted = getattr(got, name), getattr(sent, name)
         if not abs(value - wanted) < tolerance:
             return f"{name} is {value:g}, sent {wanted:g}"

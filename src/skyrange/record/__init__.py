@@ -1,4 +1,4 @@
-"""The record of a run: its folder, digests and tables, written while it runs and read back."""
+"""Records of runs: the run folder, its tables and digests, written during a run and read afterwards."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Digests", "MemoryObserver", "RecordedFrame", "Recorder", "RunRecord", "load", "replay_monitor"]
 
-_HOMES = {
+_MODULES = {
     "Digests": "digests",
     "MemoryObserver": "memory",
     "RecordedFrame": "run",
@@ -25,9 +25,9 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: pyarrow and numba cost a start-up that most commands need not pay."""
-    if name not in _HOMES:
+    """Import on first use, because most commands do not need pyarrow and numba, which are slow to import."""
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -1,4 +1,4 @@
-"""How are receptions written down? Columns of who heard which frame, where and how well."""
+"""Rows of the `receptions` table: which radio received which frame, where, and how strong."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from skyrange.codec.rid_link import Transport
 
 _OUTCOMES: Final = pa.array([outcome.name.lower() for outcome in Outcome], pa.string())
 _TRANSPORTS: Final = pa.array(["other", *(transport.name.lower() for transport in Transport)], pa.string())
-"""By number: `Transport` counts from 1."""
+"""Names by number; `Transport` counts from 1."""
 
 
 class Air(Protocol):
-    """Who can be asked for receptions: the owner of a radio medium."""
+    """Source of receptions: the owner of a radio medium."""
 
     def drain_receptions(self) -> Receptions | None:
-        """Those since it was last asked."""
+        """Receptions since the last call, or `None`."""
         ...
 
 
 def reception_batch(receptions: Receptions) -> pa.RecordBatch:
-    """Rows of the `receptions` table, in the order given."""
+    """Rows of the `receptions` table, in the given order."""
     rows = receptions.rows
     place = rows.place_enu_m.astype(np.float32)
     named = [pa.array([name[part] for name in receptions.names], pa.string()) for part in range(3)]
     return pa.RecordBatch.from_arrays(
         [
             pa.array(rows.time_ns),
-            *(_named(rows.number, names) for names in named),
+            *(_dictionary_array(rows.number, names) for names in named),
             pa.array(rows.serial),
-            _named(rows.radio, pa.array(receptions.radios, pa.string())),
+            _dictionary_array(rows.radio, pa.array(receptions.radios, pa.string())),
             *(pa.array(place[:, axis]) for axis in range(3)),
-            _named(rows.transport, _TRANSPORTS),
+            _dictionary_array(rows.transport, _TRANSPORTS),
             pa.array(rows.channel),
             pa.array(rows.rssi_dbm.astype(np.float32)),
             pa.array(rows.snir_db.astype(np.float32)),
-            _named(rows.outcome, _OUTCOMES),
+            _dictionary_array(rows.outcome, _OUTCOMES),
         ],
         names=[
             "time_ns", "link", "direction", "sender", "serial", "receiver", "east_m", "north_m", "up_m", "transport",
@@ -49,8 +49,8 @@ def reception_batch(receptions: Receptions) -> pa.RecordBatch:
     )  # fmt: skip
 
 
-def _named(numbers: NDArray[np.int64], names: pa.Array) -> pa.DictionaryArray:
-    """Numbers as what they stand for. Two rows may stand for one name, so the dictionary is made unique."""
+def _dictionary_array(numbers: NDArray[np.int64], names: pa.Array) -> pa.DictionaryArray:
+    """A dictionary array of `names[numbers]`. Several numbers may have one name, so the dictionary is made unique."""
     unique, place = np.unique(np.array(names.to_pylist(), dtype=object), return_inverse=True)
     codes = place[numbers].astype(np.int32)
     return pa.DictionaryArray.from_arrays(pa.array(codes), pa.array(unique.tolist(), pa.string()))

@@ -1,4 +1,4 @@
-"""What became of the frames that went from one node to another? One row each, made of its sender's and receiver's."""
+"""Frames that crossed from one node to another: one row each, made from the sender's and the receiver's record."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.record.matching import TOLERANCE_NS, LaneMatching, Sent
 from skyrange.record.order import interleaved
 from skyrange.record.parts import FRAME_COLUMNS, INCOMING, Part
-from skyrange.record.renames import UNRECORDED, Lane
+from skyrange.record.renames import UNRECORDED, LinkDirection
 
 OUTSIDE = "outside"
-"""The sender of a frame that came in and that no node of the range sent."""
+"""The sender of a frame that was received but that no node of the range sent."""
 
-_RETRANSMITTED_NS = 60 * NS_PER_S  # a lossy reliable channel may hold a frame so long, and longer if it fails again
+_RETRANSMITTED_NS = (
+    60 * NS_PER_S
+)  # a lossy reliable channel may delay a frame so long, and longer if retransmissions are lost too
 _SWEEP_NS = NS_PER_S
 _ROW = (*FRAME_COLUMNS, "payload", "part")
-_PLACE = {name: place for place, name in enumerate(_ROW)}
+_INDEX = {name: place for place, name in enumerate(_ROW)}
 
 ROWS = pa.schema(
     [
@@ -35,22 +37,22 @@ ROWS = pa.schema(
         ("part", pa.int64()),
     ]
 )
-"""Frames as they are passed on: `parent` and `causes` are ids as part number `part` has them."""
+"""Columns of matched frames: `parent` and `causes` are ids as recorded by part number `part`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Border:
-    """One lane between nodes."""
+    """One direction of a link, as the header declares it."""
 
     src: str
     dst: str
     reliable: bool
     grace_ns: Time
-    """How long a frame may be under way as far as the channel goes."""
+    """Longest time that the channel may delay a frame."""
 
 
-def borders(header: Mapping[str, Any]) -> dict[Lane, Border]:
-    """Both lanes of every link that the header declares, by (link, direction)."""
+def borders(header: Mapping[str, Any]) -> dict[LinkDirection, Border]:
+    """Both directions of every link that the header declares, by (link, direction)."""
     found = {}
     for link in header.get("links") or ():
         channel = link.get("channel") or {}
@@ -70,10 +72,10 @@ def borders(header: Mapping[str, Any]) -> dict[Lane, Border]:
 
 
 class Spans:
-    """When was each endpoint recorded?"""
+    """Time spans in which each endpoint was recorded."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
-        """`parts` in order of time; a complete one lasted as long as any."""
+        """`parts` are in order of time; a complete part lasted until the end of the run."""
         self._spans: dict[str, list[tuple[Time, Time]]] = {}
         end = max((part.last_ns for part in parts), default=-NEVER)
         for part in parts:
@@ -88,30 +90,30 @@ class Spans:
         return endpoint in self._spans
 
     def end(self, endpoint: str) -> Time:
-        """Until when it was recorded; before all times if it was not."""
+        """The end of the endpoint's last span; `-NEVER` if it was not recorded."""
         return max((until for _, until in self._spans.get(endpoint, ())), default=-NEVER)
 
     def recorded(self, endpoint: str, at: Time) -> bool:
-        """Whether its node was recording then; from the run's start on if it had but one."""
+        """Whether the endpoint's node was recording at time `at`; its first span begins with the run."""
         return any(start <= at <= until for start, until in self._spans.get(endpoint, ()))
 
 
 class Crossings:
-    """Matches the frames that crossed, and tells each part the true ids of what came in."""
+    """Matches frames that crossed between nodes, and gives each part the true ids of the frames it received."""
 
-    def __init__(self, parts: Sequence[Part], lanes: Mapping[Lane, Border], spans: Spans) -> None:
+    def __init__(self, parts: Sequence[Part], lanes: Mapping[LinkDirection, Border], spans: Spans) -> None:
         self._parts = {part.number: part for part in parts}
         self._lanes = lanes
         self._spans = spans
-        self._matching: dict[Lane, LaneMatching[tuple[Any, ...]]] = {}
-        self._strangers: dict[tuple[Lane, str], int] = {}
+        self._matching: dict[LinkDirection, LaneMatching[tuple[Any, ...]]] = {}
+        self._unknown_counts: dict[tuple[LinkDirection, str], int] = {}
         self._out: list[tuple[Any, ...]] = []
         self.counts = {"matched": 0, "ambiguous": 0, "outside": 0, "unrecorded": 0, "lost": 0, "in_flight": 0}
-        """Frames that were matched, those of them that another frame of the same bytes could have been, frames from
-        outside or from a node whose record of them is lost, and frames sent that never came in."""
+        """Numbers of matched frames, of matches for which another frame with the same bytes was a candidate, of frames
+        from outside or from a node whose record of them is lost, and of frames sent but never received."""
 
     def rows(self) -> Iterator[pa.RecordBatch]:
-        """All frames that crossed, nearly in order of sending, in the columns of `ROWS`."""
+        """All frames that crossed, nearly in order of sending, with the columns of `ROWS`."""
         swept = -NEVER
         streams = [part.frames(crossing=True) for part in self._parts.values()]
         for table in interleaved(streams, "key_ns", ("how", "part", "order")):
@@ -123,53 +125,53 @@ class Crossings:
                     swept = key
                     self._sweep(key)
                 if how == INCOMING:
-                    self._received(row)
+                    self._add_received(row)
                 else:
-                    self._sent(row, order, left)
-            yield self._take()
+                    self._add_sent(row, order, left)
+            yield self._take_batch()
         for lane, matching in self._matching.items():
             for frame, overtaken in matching.rest():
-                self._missing(lane, frame, overtaken)
+                self._add_missing(lane, frame, overtaken)
             self.counts["ambiguous"] += matching.ambiguous
-        yield self._take()
+        yield self._take_batch()
 
-    def _sent(self, row: tuple[Any, ...], order: int, left: Time) -> None:
+    def _add_sent(self, row: tuple[Any, ...], order: int, left: Time) -> None:
         lane = row[:2]
         matching = self._matching.get(lane)
         if matching is None:
             matching = self._matching[lane] = LaneMatching(self._lanes[lane].reliable)
-        number = (row[_PLACE["part"]] << 48) | order  # parts are numbered in order of time
-        frame = Sent(number, row[_PLACE["sent_ns"]], left, row[_PLACE["payload"]], row)
+        number = (row[_INDEX["part"]] << 48) | order  # parts are numbered in order of time
+        frame = Sent(number, row[_INDEX["sent_ns"]], left, row[_INDEX["payload"]], row)
         if frame.sent_ns <= self._spans.end(self._lanes[lane].dst) + TOLERANCE_NS:
             matching.sent(frame)
         else:
-            self._missing(lane, frame, False)
+            self._add_missing(lane, frame, False)
 
-    def _received(self, row: tuple[Any, ...]) -> None:
+    def _add_received(self, row: tuple[Any, ...]) -> None:
         lane = row[:2]
-        at = row[_PLACE["sent_ns"]]
+        at = row[_INDEX["sent_ns"]]
         matching = self._matching.get(lane)
-        found = matching.received(at, row[_PLACE["payload"]]) if matching is not None else None
+        found = matching.received(at, row[_INDEX["payload"]]) if matching is not None else None
         if found is None:
             src = self._lanes[lane].src
             known = src not in self._spans or self._spans.recorded(src, at - TOLERANCE_NS)
             sender = OUTSIDE if known else UNRECORDED
-            serial = self._strangers.get((lane, sender), 0)
-            self._strangers[lane, sender] = serial + 1
+            serial = self._unknown_counts.get((lane, sender), 0)
+            self._unknown_counts[lane, sender] = serial + 1
             self.counts["outside" if known else "unrecorded"] += 1
             self._emit(row, sender=sender, serial=serial)
         else:
             self.counts["matched"] += 1
-            sender, serial = found.row[_PLACE["sender"]], found.row[_PLACE["serial"]]
-            self._emit(found.row, arrived_ns=row[_PLACE["arrived_ns"]], fate=row[_PLACE["fate"]])
-        self._parts[row[_PLACE["part"]]].renames.put(lane, row[_PLACE["serial"]], sender, serial)
+            sender, serial = found.row[_INDEX["sender"]], found.row[_INDEX["serial"]]
+            self._emit(found.row, arrived_ns=row[_INDEX["arrived_ns"]], fate=row[_INDEX["fate"]])
+        self._parts[row[_INDEX["part"]]].renames.put(lane, row[_INDEX["serial"]], sender, serial)
 
     def _sweep(self, now: Time) -> None:
         for lane, matching in self._matching.items():
             for frame in matching.expired(now - TOLERANCE_NS):
-                self._missing(lane, frame, False)
+                self._add_missing(lane, frame, False)
 
-    def _missing(self, lane: Lane, frame: Sent[tuple[Any, ...]], overtaken: bool) -> None:
+    def _add_missing(self, lane: LinkDirection, frame: Sent[tuple[Any, ...]], overtaken: bool) -> None:
         border = self._lanes[lane]
         lost = self._spans.recorded(border.dst, frame.left_ns) and (
             overtaken or self._spans.recorded(border.dst, frame.left_ns + border.grace_ns)
@@ -181,10 +183,10 @@ class Crossings:
     def _emit(self, row: tuple[Any, ...], **changed: object) -> None:
         values = list(row)
         for name, value in changed.items():
-            values[_PLACE[name]] = value
+            values[_INDEX[name]] = value
         self._out.append(tuple(values))
 
-    def _take(self) -> pa.RecordBatch:
+    def _take_batch(self) -> pa.RecordBatch:
         out, self._out = self._out, []
         columns = zip(*out, strict=True) if out else [()] * len(_ROW)
         return pa.RecordBatch.from_arrays(

@@ -1,8 +1,8 @@
-"""Is this the same run? Three digests of what happened, joined in one fingerprint.
+"""Digests of a run: `frames`, `truth` and `events`, combined in one fingerprint.
 
-`frames` and `truth` are sums modulo 2**128 of one hash per row, so neither the order of recording nor a
-division into shards changes them. They tell runs apart; they are no defence against a forger, who could
-search for rows with a given sum. `events` has no times in it and so travels between machines.
+`frames` and `truth` are sums modulo 2**128 of one hash per row, so they depend neither on the order of recording nor
+on a division into shards. They distinguish runs. They do not protect against forgery, because rows with a given sum
+can be searched for. `events` contains no times, so it is comparable between machines.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ Words = NDArray[np.uint64]
 _MODULUS = 1 << 128
 _8, _16, _24, _32, _40, _48, _56 = (np.uint64(bits) for bits in range(8, 57, 8))
 _30, _27, _31, _33 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(33)
-# One lane mixes as SplitMix64 does (Steele, Lea & Flood, OOPSLA 2014, doi 10.1145/2660193.2660195, with the constants
-# of Stafford's variant 13), the other by MurmurHash3's fmix64 (Appleby, public domain).
+# One of the two words is mixed as in SplitMix64 (Steele, Lea & Flood, OOPSLA 2014, doi 10.1145/2660193.2660195, with
+# the constants of Stafford's variant 13), the other as in MurmurHash3's fmix64 (Appleby, public domain).
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _S1, _S2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _F1, _F2 = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
 
 
 @kernel
-def _mixed(a: np.uint64, b: np.uint64, word: np.uint64) -> tuple[np.uint64, np.uint64]:
-    """Both lanes after one more word."""
+def _mix(a: np.uint64, b: np.uint64, word: np.uint64) -> tuple[np.uint64, np.uint64]:
+    """Both hash words after one more word of input."""
     a = (a ^ word) + _GOLDEN
     a = (a ^ (a >> _30)) * _S1
     a = (a ^ (a >> _27)) * _S2
@@ -51,7 +51,7 @@ def _sum_rows(words: Words) -> tuple[np.uint64, np.uint64]:
         a = _GOLDEN
         b = _F1
         for column in range(words.shape[1]):
-            a, b = _mixed(a, b, words[row, column])
+            a, b = _mix(a, b, words[row, column])
         before = low
         low = low + b
         high = high + a
@@ -68,58 +68,58 @@ def hash_rows(words: Words) -> int:
 
 @kernel
 def hash_bytes(data: NDArray[np.uint8], start: int, size: int) -> tuple[np.uint64, np.uint64]:
-    """Two words of hash of `data[start : start + size]`, mixed as the rows are, eight bytes little endian at a time."""
+    """A two-word hash of `data[start : start + size]`, mixed like the rows, in words of eight bytes, little endian."""
     a = _GOLDEN ^ np.uint64(size)
     b = _F1 + np.uint64(size)
     at = start
     end = start + size
-    while at + 8 <= end:  # written out, so that it becomes one load
+    while at + 8 <= end:  # written out so that the compiler makes it one load
         word = (
             np.uint64(data[at]) | np.uint64(data[at + 1]) << _8 | np.uint64(data[at + 2]) << _16
             | np.uint64(data[at + 3]) << _24 | np.uint64(data[at + 4]) << _32 | np.uint64(data[at + 5]) << _40
             | np.uint64(data[at + 6]) << _48 | np.uint64(data[at + 7]) << _56
         )  # fmt: skip
         at += 8
-        a, b = _mixed(a, b, word)
+        a, b = _mix(a, b, word)
     if at < end:
         word = np.uint64(0)
         for place in range(end - at):
             word |= np.uint64(data[at + place]) << np.uint64(8 * place)
-        a, b = _mixed(a, b, word)
+        a, b = _mix(a, b, word)
     return a, b
 
 
 @dataclass(slots=True)
 class Happened:
-    """What the vehicles' events were, by the vehicle they are about: (time, source, kind), as recorded."""
+    """Events by the vehicle that they concern: (time, source, kind), in order of recording."""
 
     about: dict[str, list[tuple[int, str, str]]] = field(default_factory=dict)
 
     def add(self, about: str, time_ns: int, source: str, kind: str) -> None:
-        """One event."""
+        """Add one event."""
         self.about.setdefault(about, []).append((time_ns, source, kind))
 
     def hex(self) -> str:
-        """Each vehicle's kinds chained in order of time (then source, then its own order); chains in order of id."""
+        """The digest over all vehicles by id: of each, a hash chain over its event kinds by time, source and order."""
         whole = blake2b(digest_size=16)
         for about in sorted(self.about):
             chain = b""
-            for _, _, kind in sorted(self.about[about], key=_when):
+            for _, _, kind in sorted(self.about[about], key=_time_and_source):
                 chain = blake2b(chain + kind.encode(), digest_size=16).digest()
             whole.update(len(about.encode()).to_bytes(4, "little") + about.encode() + chain)
         return whole.hexdigest()
 
 
-def _when(event: tuple[int, str, str]) -> tuple[int, str]:
+def _time_and_source(event: tuple[int, str, str]) -> tuple[int, str]:
     return event[0], event[1]
 
 
 @dataclass(slots=True)
 class Digests:
-    """A run's digests while it is recorded: plain data, so copies are independent and shards add up.
+    """A run's digests while it is recorded: plain data, so copies are independent and shards can be added.
 
-    Adding the digests of two shards gives those of the whole, whatever the order, provided that no source
-    notes events about one vehicle in both at the same instant.
+    The sum of the digests of two shards is the digest of the whole run, in either order, provided that no source
+    notes events about one vehicle in both shards at the same time.
     """
 
     frames_sum: int = 0
@@ -127,15 +127,15 @@ class Digests:
     happened: Happened = field(default_factory=Happened)
 
     def add_frames(self, words: Words) -> None:
-        """Frames' rows, (n, columns) as `FrameEncoder` lays them out."""
+        """Add rows of frames, (n, columns) as `FrameEncoder` lays them out."""
         self.frames_sum = (self.frames_sum + hash_rows(words)) % _MODULUS
 
     def add_truth(self, words: Words) -> None:
-        """Truth's rows, (n, columns) as `truth_words` lays them out."""
+        """Add rows of truth, (n, columns) as `truth_words` lays them out."""
         self.truth_sum = (self.truth_sum + hash_rows(words)) % _MODULUS
 
     def add_event(self, about: str, time_ns: int, source: str, kind: str) -> None:
-        """An event; times only order the events of one vehicle and are not hashed."""
+        """Add an event; its time orders the events of one vehicle and is not hashed."""
         self.happened.add(about, time_ns, source, kind)
 
     def __add__(self, other: Digests) -> Digests:
@@ -151,7 +151,7 @@ class Digests:
 
     @property
     def events(self) -> str:
-        """32 hex digits: kinds of events and their order per vehicle, no times."""
+        """32 hex digits: kinds of events and their order per vehicle, without times."""
         return self.happened.hex()
 
     @property
@@ -166,7 +166,7 @@ class Digests:
 
     @property
     def fingerprint(self) -> str:
-        """32 hex digits: BLAKE2b of the three."""
+        """32 hex digits: BLAKE2b over the three digests."""
         return joined([self.events, self.frames, self.truth])
 
     def to_dict(self) -> dict[str, str]:
@@ -180,5 +180,5 @@ class Digests:
 
 
 def joined(digests: Sequence[str]) -> str:
-    """One digest of several, in their order: 32 hex digits."""
+    """One digest over several, in their order: 32 hex digits."""
     return blake2b("\n".join(digests).encode(), digest_size=16).hexdigest()

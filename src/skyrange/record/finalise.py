@@ -1,7 +1,7 @@
-"""How does a spool become the folder that people open? Parquet tables and the operators' files, batch by batch.
+"""Conversion of a finished run's spool to Parquet tables and operator files, batch by batch.
 
-Everything is written beside the record, in `.final/`, and moved into place when it is whole; until the
-manifest is replaced, readers use the spool.
+All files are written to `.final/` in the run's folder and moved into place when they are complete. Until the manifest
+is replaced, readers use the spool.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from skyrange.record.tables import Tables, concat, encodings
 from skyrange.record.telemetry import Received, TelemetryBuilder
 
 FINAL = ".final"
-"""The folder in which finished files wait until all are."""
+"""The folder that holds finished files until all are finished."""
 
 GROUP_ROWS = 131_072
-"""Rows of a Parquet row group: what a reader must hold at least."""
+"""Rows of a Parquet row group, the smallest unit that a reader must hold in memory."""
 
-_WIDE_GROUP_ROWS = 32_768  # telemetry has a column per MAVLink field, hundreds where much is asked for
+_WIDE_GROUP_ROWS = 32_768  # telemetry has one column per MAVLink field, hundreds with many message types
 
 
 def finalise(folder: Path, manifest: Mapping[str, Any]) -> dict[str, int]:
-    """Write all tables, CSVs and tlogs of the run in `folder` from its spool; returns rows by table.
+    """Write all tables, CSV files and tlogs of the run in `folder` from its spool; returns the row count per table.
 
-    `ComponentError` where the disk refuses: the record is then as before, still in its spool.
+    Raises `ComponentError` if writing fails; the record then remains in its spool.
     """
-    final = folder.absolute() / FINAL  # a relative name with a colon or a tilde is no file's name to Arrow
+    final = folder.absolute() / FINAL  # absolute, because Arrow reads a relative name with a colon or a tilde as a URI
     tables = Tables(folder, spooled=True)
     counts: dict[str, int] = {}
     try:
@@ -46,7 +46,7 @@ def finalise(folder: Path, manifest: Mapping[str, Any]) -> dict[str, int]:
         for name in TABLES:
             if name != "telemetry" and has_table(name, tables, manifest):
                 counts[name] = _write(final / f"{name}.parquet", tables.schema(name), tables.batches(name))
-        counts["telemetry"] = _stations(final, tables, manifest)
+        counts["telemetry"] = _write_station_data(final, tables, manifest)
         (folder / "operators").mkdir(exist_ok=True)
         for path in sorted(final.rglob("*")):
             if path.is_file():
@@ -64,7 +64,7 @@ def has_table(name: str, tables: Tables, manifest: Mapping[str, Any]) -> bool:
 
 
 def epoch_of(manifest: Mapping[str, Any]) -> Epoch:
-    """UTC of simulated time 0 by the manifest's `start_utc` (ISO 8601); the Unix epoch where none is given."""
+    """UTC of simulated time 0 by the manifest's `start_utc` (ISO 8601); the Unix epoch if there is none."""
     text = manifest.get("start_utc")
     return Epoch.from_datetime(datetime.fromisoformat(str(text))) if text else Epoch(0)
 
@@ -78,8 +78,8 @@ def _write(path: Path, schema: pa.Schema, batches: Iterator[pa.RecordBatch], gro
     return rows
 
 
-def _stations(final: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
-    """Telemetry, CSV and tlog in one pass over what the ground stations saw."""
+def _write_station_data(final: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
+    """Write telemetry, CSV files and tlogs in one pass over the frames at the ground stations."""
     found = survey(tables)
     builder = TelemetryBuilder(found)
     operators = [str(row["id"]) for row in manifest.get("operators") or []]
@@ -88,12 +88,12 @@ def _stations(final: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
         return _write(
             final / "telemetry.parquet",
             builder.schema,
-            _received(tables, builder, files),
+            _telemetry_batches(tables, builder, files),
             _WIDE_GROUP_ROWS,
         )
 
 
-def _received(tables: Tables, builder: TelemetryBuilder, files: StationFiles) -> Iterator[pa.RecordBatch]:
+def _telemetry_batches(tables: Tables, builder: TelemetryBuilder, files: StationFiles) -> Iterator[pa.RecordBatch]:
     for block in seen(tables):
         files.heard(block)
         rows = Received(block, builder.kinds)

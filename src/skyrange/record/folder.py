@@ -1,4 +1,4 @@
-"""How is a run's folder begun, filled with its inputs, and taken away again if the run cannot start?"""
+"""Run folder: creation, input files, and removal if the run cannot start."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from skyrange.record.manifest import MANIFEST
 from skyrange.record.spool import SPOOL
 
 PARTS = ".parts"
-"""What a run's folder may hold before it is a record: what the nodes of a live run wrote (`record.merge`)."""
+"""What a run's folder may hold before it is a record: the records of a live run's nodes (`record.merge`)."""
 
 _PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
 
 
 def make_folder(folder: Path) -> list[Path]:
-    """Make the folder, its parents and its spool; returns those that were not there, innermost first.
+    """Create the folder, its parents and its spool; returns the folders that did not exist before, innermost first.
 
-    `InputError` where it holds anything but `PARTS`. Of several runs that want one folder at once a single one gets
-    it, because the spool's folder can be made only once.
+    Raises `InputError` if it holds anything but `PARTS`. If several runs claim one folder at once, exactly one
+    succeeds, because the spool's folder can be created only once.
     """
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
@@ -43,30 +43,30 @@ def make_folder(folder: Path) -> list[Path]:
 
 
 def unmake_folder(folder: Path, made: Sequence[Path]) -> None:
-    """Take away what `make_folder` made and all that was put into `folder` since, but `PARTS`."""
+    """Remove what `make_folder` created and everything put into `folder` since, except `PARTS`."""
     for path in folder.iterdir() if folder.is_dir() else ():
         if path.name != PARTS:
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
     for path in made:
-        with suppress(OSError):  # somebody else may have put something there
+        with suppress(OSError):  # somebody else may have put files there
             path.rmdir()
 
 
 def unwritable(path: Path, error: OSError) -> InputError:
-    """The error of an output that cannot be written, before the run starts."""
+    """The error for an output that cannot be written, raised before the run starts."""
     reason = error.strerror or str(error)
-    return InputError.one("output", str(path), reason, "a folder that can be written, on a disk with room")
+    return InputError.one("output", str(path), reason, "a writable folder on a disk with free space")
 
 
 def put_file(folder: Path, name: str, data: bytes) -> None:
     """Write `data` to `name` in `folder`.
 
-    `name` is relative, its parts plain names; `InputError` for one that leaves the folder or is the record's
-    own, and where the disk refuses.
+    `name` is a relative path of plain names. Raises `InputError` for a path that leaves the folder or that the record
+    uses itself, and if writing fails.
     """
     parts = PurePosixPath(name).parts
     if not parts or not all(_PART.match(part) and ".." not in part for part in parts):
-        raise InputError.one("attachment", "name", name, "a relative path of plain names, as missions/a.plan")
+        raise InputError.one("attachment", "name", name, "a relative path of plain names, such as missions/a.plan")
     if parts[0].endswith(".parquet") or parts[0] in (MANIFEST, f"{MANIFEST}.new", "operators"):
         raise InputError.one("attachment", "name", name, "a name that the record does not use itself")
     target = folder.joinpath(*parts)

@@ -1,7 +1,7 @@
-"""How do frames become columns? A batch of frames and blocks into Arrow batches and rows of hash words.
+"""Encoding of frames and frame blocks into Arrow batches and rows of hash words.
 
-Names and origins are numbered once and looked up; blocks bring columns already, single frames are gathered into
-some. Per-frame work is a few list comprehensions for those, and none for blocks.
+Names and parents' origins are numbered once and then looked up. Blocks already consist of columns; single frames are
+gathered into columns with a few list comprehensions. There is no per-frame work for blocks.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _FLOW = attrgetter("link", "direction", "sender", "src", "dst")
 _CAUSES = attrgetter("causes")
 _FATE_NAMES = pa.array([str(fate) for fate in Fate], pa.string())
 _FATE_HASHES = np.array([hash64(str(fate)) for fate in Fate], dtype=np.uint64)
-_NOWHERE = np.uint64(0xFFFFFFFFFFFFFFFF)  # hashed as the arrival of a frame that never arrived
+_NEVER_ARRIVED = np.uint64(0xFFFFFFFFFFFFFFFF)  # hashed as the arrival time of a frame that did not arrive
 
 
 _NAMES = pa.dictionary(pa.int32(), pa.string())
@@ -49,11 +49,11 @@ FRAME_SPOOL = pa.schema(
         ("causes", pa.list_(pa.string())),
     ]
 )
-"""Frames as they are spooled: the table's schema with names dictionary-encoded and a parent's id in two parts."""
+"""Spooled frames: the schema of the table with dictionary-encoded names and a parent's id in two columns."""
 
 
 class _Numbers(dict[tuple[str, ...], int]):
-    """Numbers keys in the order in which they are first asked for."""
+    """Numbers keys in the order of their first lookup."""
 
     def __missing__(self, key: tuple[str, ...]) -> int:
         number = len(self)
@@ -62,9 +62,9 @@ class _Numbers(dict[tuple[str, ...], int]):
 
 
 class EncodedFrames(NamedTuple):
-    """One batch: Arrow rows of frames and of the payloads first seen in them, and the digest's words (n, 10).
+    """One batch: Arrow rows of frames, Arrow rows of new payloads, and the digest's words (n, 10).
 
-    `last_ns` is when the last of them was sent.
+    `last_ns` is the latest sending time.
     """
 
     frames: pa.RecordBatch
@@ -74,7 +74,7 @@ class EncodedFrames(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """What is gathered of some frames: arrays of a row each. `origin` is -1 without a parent."""
+    """Columns of some frames, arrays with one row per frame. `origin` is -1 without a parent."""
 
     flow: Ints
     serial: Ints
@@ -89,10 +89,10 @@ class _Columns(NamedTuple):
 
 
 class FrameEncoder:
-    """Turns frames into columns; its state is what has been numbered so far, and deep-copyable."""
+    """Encodes frames as columns. Its state is the numbering so far. Deep-copyable."""
 
     def __init__(self, window_bytes: int) -> None:
-        """`window_bytes` of distinct payloads are de-duplicated together and held in memory."""
+        """`window_bytes` of distinct payloads are de-duplicated together and kept in memory."""
         self._payloads = PayloadNumbers(window_bytes)
         self._flows = _Numbers()  # (link, direction, sender, src, dst)
         self._origins = _Numbers()  # (link, direction, sender) of parents
@@ -100,13 +100,13 @@ class FrameEncoder:
         self._flow_names = np.zeros((0, 5), dtype=np.int32)
         self._flow_hashes = np.zeros(0, dtype=np.uint64)
         self._origin_hashes = np.zeros(0, dtype=np.uint64)
-        self._before = pa.array([], pa.string())  # of each origin, what an id has before its serial
+        self._id_prefixes = pa.array([], pa.string())  # of each origin, the text of an id before its serial
         self._dictionary = pa.array([], pa.string())
         self._lanes: Lanes | None = None
-        self._lane_flows = np.zeros((0, 2), dtype=np.int64)  # the flow and the origin of each lane, -1 unknown
+        self._lane_flows = np.zeros((0, 2), dtype=np.int64)  # flow and origin of each lane; -1 if unused
 
     def encode(self, seen: Sequence[Frame | FrameBlock]) -> EncodedFrames:
-        """Columns of what was observed, in its order; it is only read."""
+        """Encode what was observed, in that order; the frames are not changed."""
         gathered = []
         numbered: dict[int, tuple[int, Ints, Words]] = {}
         causes: dict[int, list[str]] = {}
@@ -114,15 +114,15 @@ class FrameEncoder:
         for lanes, run in groupby(seen, _lanes_of):
             if lanes is not None:
                 blocks = cast("list[FrameBlock]", list(run))
-                gathered.append(self._blocks(blocks, numbered))
+                gathered.append(self._block_columns(blocks, numbered))
                 rows += sum(map(len, blocks))
                 continue
             frames = cast("list[Frame]", list(run))
             if any(map(_CAUSES, frames)):
                 causes |= {rows + row: [str(c) for c in f.causes] for row, f in enumerate(frames) if f.causes}
-            gathered.append(self._singles(frames))
+            gathered.append(self._frame_columns(frames))
             rows += len(frames)
-        self._learn()
+        self._extend_lookup()
         table = _Columns(*map(np.concatenate, zip(*gathered, strict=True)))
 
         lost = table.fate != _FATES[Fate.DELIVERED]
@@ -142,7 +142,7 @@ class FrameEncoder:
                 pa.array(table.payload_id),
                 pa.array(table.size),
                 pa.DictionaryArray.from_arrays(
-                    pa.array(table.origin.astype(np.int32), mask=table.origin < 0), self._before
+                    pa.array(table.origin.astype(np.int32), mask=table.origin < 0), self._id_prefixes
                 ),
                 pa.array(table.parent_serial),
                 _lists(causes, rows),
@@ -153,7 +153,7 @@ class FrameEncoder:
         words[:, 0] = self._flow_hashes[table.flow]
         words[:, 1] = table.serial.view(np.uint64)
         words[:, 2] = table.sent.view(np.uint64)
-        words[:, 3] = np.where(lost, _NOWHERE, table.arrived.view(np.uint64))
+        words[:, 3] = np.where(lost, _NEVER_ARRIVED, table.arrived.view(np.uint64))
         words[:, 4] = _FATE_HASHES[table.fate]
         words[:, 5:7] = table.hashes
         words[:, 7] = self._origin_hashes[table.origin] if len(self._origin_hashes) else 0
@@ -164,14 +164,14 @@ class FrameEncoder:
             words[row, 9] = hash64("\n".join(ids))
         return EncodedFrames(batch, self._payloads.fresh(), words, int(table.sent.max()))
 
-    def _singles(self, frames: Sequence[Frame]) -> _Columns:
+    def _frame_columns(self, frames: Sequence[Frame]) -> _Columns:
         rows = len(frames)
         payloads = Payloads.of([f.payload for f in frames])
         payload_id, hashes = self._payloads.number(payloads)
         parents = [f.parent for f in frames]
         origins = self._origins
         return _Columns(
-            # keys are made and dropped one by one: containers that pile up would set off the garbage collector
+            # keys are made and dropped one by one: many live containers would trigger the garbage collector
             flow=np.fromiter(map(self._flows.__getitem__, map(_FLOW, frames)), np.int64, rows),
             serial=np.fromiter([f.serial for f in frames], np.int64, rows),
             sent=np.fromiter([f.sent_ns for f in frames], np.int64, rows),
@@ -184,16 +184,16 @@ class FrameEncoder:
             parent_serial=np.fromiter([-1 if p is None else p[3] for p in parents], np.int64, rows),
         )
 
-    def _blocks(self, blocks: Sequence[FrameBlock], numbered: dict[int, tuple[int, Ints, Words]]) -> _Columns:
-        """`numbered` keeps what the hops of one block share: window, ids and hashes by the column of payloads."""
-        carried = [self._carried(block, numbered) for block in blocks]
+    def _block_columns(self, blocks: Sequence[FrameBlock], numbered: dict[int, tuple[int, Ints, Words]]) -> _Columns:
+        """`numbered` caches what the hops of one block share: window, ids and hashes by column of payloads."""
+        carried = [self._number_block(block, numbered) for block in blocks]
         rows = np.array([len(block) for block in blocks])
         lanes = blocks[0].lanes
         above = np.concatenate([_or_none(block.parent_lane, len(block)) for block in blocks])
         origin, children = np.full(len(above), -1, dtype=np.int64), above >= 0
-        origin[children] = self._known(lanes, above[children], 1)
+        origin[children] = self._look_up(lanes, above[children], 1)
         return _Columns(
-            flow=self._known(lanes, np.concatenate([block.lane for block in blocks]), 0),
+            flow=self._look_up(lanes, np.concatenate([block.lane for block in blocks]), 0),
             serial=np.concatenate([block.serial for block in blocks]),
             sent=np.repeat([block.sent_ns for block in blocks], rows),
             arrived=np.repeat([block.arrived_ns for block in blocks], rows),
@@ -205,21 +205,23 @@ class FrameEncoder:
             parent_serial=np.concatenate([_or_none(block.parent_serial, len(block)) for block in blocks]),
         )
 
-    def _carried(self, block: FrameBlock, numbered: dict[int, tuple[int, Ints, Words]]) -> tuple[Ints, Words, Ints]:
+    def _number_block(
+        self, block: FrameBlock, numbered: dict[int, tuple[int, Ints, Words]]
+    ) -> tuple[Ints, Words, Ints]:
         payloads = block.payloads
         known = numbered.get(id(payloads))
         if known is None or known[0] != self._payloads.start:
             window = self._payloads.start
             known = (window, *self._payloads.number(payloads))
-            if self._payloads.start == window:  # else the next hop's rows must find theirs in the new window
+            if self._payloads.start == window:  # otherwise the next hop's rows must be numbered in the new window
                 numbered[id(payloads)] = known
         _, ids, words = known
         if block.rows is None:
             return ids, words, payloads.sizes
         return ids[block.rows], words[block.rows], payloads.sizes[block.rows]
 
-    def _known(self, lanes: Lanes, lane: Ints, which: int) -> Ints:
-        """The number of each row's flow (0) or origin (1), those of lanes not met before being entered."""
+    def _look_up(self, lanes: Lanes, lane: Ints, which: int) -> Ints:
+        """The number of each row's flow (`which` 0) or origin (1); lanes that are new get one."""
         if lanes is not self._lanes:
             self._lanes = lanes
             self._lane_flows = np.full((len(lanes.names), 2), -1, dtype=np.int64)
@@ -233,8 +235,8 @@ class FrameEncoder:
         found: Ints = numbers
         return found
 
-    def _learn(self) -> None:
-        """Extend the lookup arrays by the flows and parents' origins that the last batch brought."""
+    def _extend_lookup(self) -> None:
+        """Extend the lookup arrays by the flows and parents' origins that are new in the last batch."""
         known = len(self._flow_hashes)
         if known < len(self._flows):
             new = list(self._flows)[known:]
@@ -247,11 +249,11 @@ class FrameEncoder:
             new = list(self._origins)[known:]
             self._origin_hashes = np.concatenate([self._origin_hashes, _hashes(new)])
             new_before = [str(FrameId(key[0], key[1], key[2], 0)).removesuffix("0") for key in new]
-            self._before = pa.concat_arrays([self._before, pa.array(new_before, pa.string())])
+            self._id_prefixes = pa.concat_arrays([self._id_prefixes, pa.array(new_before, pa.string())])
 
 
 def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
-    """A list column of `rows` rows that is empty but for `items`, given in order of row."""
+    """A list column of `rows` rows, empty except for the rows in `items`, which are in ascending order."""
     offsets = np.zeros(rows + 1, dtype=np.int32)
     for row, texts in items.items():
         offsets[row + 1] = len(texts)
@@ -260,7 +262,7 @@ def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
 
 
 def _lanes_of(seen: Frame | FrameBlock) -> Lanes | None:
-    """What blocks are taken together by; None for a single frame."""
+    """The key by which consecutive blocks are encoded together; `None` for a single frame."""
     return None if isinstance(seen, Frame) else seen.lanes
 
 

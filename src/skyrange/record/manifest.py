@@ -1,4 +1,4 @@
-"""What does a run's `manifest.json` say, and how is it replaced without ever being half there?"""
+"""A run's `manifest.json`: contents, atomic replacement, and validated reading."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MANIFEST = "manifest.json"
 
 RUNNING = "running"
 ENDINGS = ("complete", "interrupted", "failed")
-"""How a run may end; one whose manifest still says `running` was killed, or runs."""
+"""How a run may end. A run whose manifest still says `running` was killed or is running."""
 
 _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("name", str, "the scenario's name"),
@@ -32,18 +32,18 @@ _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("digests", dict, "a table"),
     ("outcomes", dict, "a table by vehicle"),
 )
-"""Key, type and what it is, of what readers rely on; all of it may be absent."""
+"""Key, type and description of the entries that readers rely on; each may be absent."""
 
 _PACKAGES = ("skyrange", "numpy", "numba", "pyarrow", "pymavlink")
 
 
 def here() -> dict[str, Any]:
-    """What made the run: the manifest's `skyrange`, `versions` and `platform`.
+    """What produced the run: the manifest's `skyrange`, `versions` and `platform`.
 
-    `platform.numeric` names what exact digests may depend on: two runs compare by `frames` and `truth` only
-    where it is the same.
+    `platform.numeric` names everything that exact digests may depend on: the digests `frames` and `truth` of two runs
+    are comparable only if it is the same.
     """
-    from llvmlite import binding  # type: ignore[import-untyped]  # numba's compiler: what its kernels are made for
+    from llvmlite import binding  # type: ignore[import-untyped]  # numba's compiler, which knows the CPU
 
     versions = {"python": platform.python_version()}
     for package in _PACKAGES:
@@ -60,23 +60,23 @@ def here() -> dict[str, Any]:
 
 
 def write_manifest(folder: Path, manifest: Mapping[str, Any]) -> None:
-    """Replace the manifest in one step; `OSError` leaves the old one as it was."""
+    """Replace the manifest atomically; after an `OSError` the old one is unchanged."""
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     with atomic_write(folder / MANIFEST) as file:
         file.write(text.encode())
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest of the run in `folder`; `InputError` for no run, another format, or a file that is no manifest."""
+    """The manifest of the run in `folder`; `InputError` if it is missing, damaged, or of another format."""
     who = str(folder)
     path = folder / MANIFEST
     if not folder.is_dir():
-        raise InputError.one(who, "path", who, "a run's folder", "It does not exist or is no folder.")
+        raise InputError.one(who, "path", who, "a run's folder", "The path does not exist or is not a folder.")
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        hint = "`skyrange run SCENARIO --out DIR` makes one."
-        raise InputError.one(who, MANIFEST, "missing", "a run's folder, which has one", hint) from None
+        hint = "`skyrange run SCENARIO --out DIR` creates one."
+        raise InputError.one(who, MANIFEST, "missing", "a run's folder, which contains it", hint) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError.one(who, MANIFEST, str(error), "a readable JSON file in UTF-8") from None
     try:
@@ -93,14 +93,14 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     status = manifest.get("status")
     if status != RUNNING and status not in ENDINGS:
         raise InputError.one(who, f"{MANIFEST}: status", repr(status), f"one of {', '.join((RUNNING, *ENDINGS))}")
-    faults = list(_misshapen(manifest))
+    faults = list(_check_shape(manifest))
     if faults:
         raise InputError(who, faults)
     return manifest
 
 
-def _misshapen(manifest: Mapping[str, Any]) -> Iterator[Fault]:
-    """What is there, but not as readers rely on it: a hand-edited file's faults."""
+def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Fault]:
+    """The problems of entries that do not have the expected shape, as in a file edited by hand."""
     for key, kind, expected in _SHAPE:
         value = manifest.get(key)
         if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):

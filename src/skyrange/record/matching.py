@@ -1,9 +1,10 @@
-"""Which sent frame is it that came in? Matches what left one node with what reached another, by payload and order.
+"""Matching of frames sent by one node with frames received by another, by payload and order.
 
-Nothing is added in band: a receiver knows the bytes and when they came. Of the frames of one lane that carry those
-bytes, were sent by then and have not come in yet, the one that left first is taken, which is exact wherever bytes
-do not recur (MAVLink counts its frames). Where they do, the lane's order decides: on a reliable lane a frame that
-was overtaken is lost, so it is taken only where no other would do.
+Nodes add nothing to the payload, so a receiver knows only the bytes and their time of arrival. Candidates are the
+frames of the same link direction that carry these bytes, were sent by then, and have not been matched. The candidate
+that left first is chosen. This is exact if payloads do not recur; MAVLink frames are numbered, so theirs rarely do.
+If payloads recur, order decides: on a reliable link a frame that a later one has overtaken is lost, so it is chosen
+only if there is no other candidate.
 """
 
 from __future__ import annotations
@@ -14,66 +15,66 @@ from typing import Generic, TypeVar
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 TOLERANCE_NS = 5 * NS_PER_MS
-"""By so much the clocks of two nodes may differ after their offsets are taken off."""
+"""Largest difference between the clocks of two nodes after correction by their offsets."""
 WINDOW_NS = 10 * NS_PER_S
-"""A datagram that has not come in so long after it left does not come in any more."""
+"""A datagram that has not arrived within this time counts as lost."""
 PATIENCE_NS = 300 * NS_PER_S
-"""Nor does, after so long, a frame on a reliable lane, whose retransmissions double up to a minute each."""
+"""The candidates for a frame on a reliable link, whose retransmission timeouts double up to a minute each."""
 
 Row = TypeVar("Row")
 
 
 @dataclass(frozen=True, slots=True)
 class Sent(Generic[Row]):
-    """A frame that left. `order` counts as frames leave; `left_ns` is later than `sent_ns` where it was held."""
+    """A frame that left its node. `order` numbers frames as they leave; a delayed frame has `left_ns` > `sent_ns`."""
 
     order: int
     sent_ns: Time
     left_ns: Time
     payload: bytes
     row: Row
-    """Whatever the caller wants back."""
+    """Data of the caller, returned with the match."""
 
 
 class LaneMatching(Generic[Row]):
-    """The frames of one lane that left and have not come in.
+    """The frames of one link direction that left and are not matched yet.
 
-    Calls come in order of time, where a frame that came in at `at` counts as `at + TOLERANCE_NS`: everything that
-    was sent by then is known. Memory holds what left within `WINDOW_NS` (`PATIENCE_NS`) and did not come in.
+    Calls must be in order of time, where a frame received at `at` counts as `at + TOLERANCE_NS`, so that everything
+    sent by then is known. Memory holds unmatched frames that left within `WINDOW_NS` (`PATIENCE_NS`).
     """
 
     def __init__(self, reliable: bool) -> None:
-        """`reliable`: what comes in does so in the order in which it left."""
+        """`reliable` means that frames arrive in the order in which they left."""
         self.ambiguous = 0
-        """How many matches could as well have been with another frame of the same bytes."""
+        """Number of matches for which there was more than one candidate."""
         self._reliable = reliable
         self._pending: dict[bytes, list[Sent[Row]]] = {}
         self._latest = -1
 
     def sent(self, frame: Sent[Row]) -> None:
-        """A frame left."""
+        """Add a frame that left."""
         self._pending.setdefault(frame.payload, []).append(frame)
 
     def received(self, at: Time, payload: bytes) -> Sent[Row] | None:
-        """Bytes came in at `at`: the frame that they are, which is then no longer pending; None where none fits."""
-        same = self._pending.get(payload)
+        """Match bytes received at `at`; returns and removes the frame that was sent, or `None` if none fits."""
+        candidates = self._pending.get(payload)
         fitting = [
             (self._overtaken(frame), frame.order, place)
-            for place, frame in enumerate(same or ())
+            for place, frame in enumerate(candidates or ())
             if frame.sent_ns <= at + TOLERANCE_NS and not self._stale(frame, at)
         ]
-        if same is None or not fitting:
+        if candidates is None or not fitting:
             return None
         self.ambiguous += len(fitting) > 1
-        found = same.pop(min(fitting)[2])
-        if not same:
+        found = candidates.pop(min(fitting)[2])
+        if not candidates:
             del self._pending[payload]
         self._latest = max(self._latest, found.order)
         return found
 
     def expired(self, now: Time) -> list[Sent[Row]]:
-        """Those that cannot come in any more at `now`; they are no longer pending."""
-        gone = [frame for same in self._pending.values() for frame in same if self._stale(frame, now)]
+        """Remove and return the frames that can no longer arrive at `now`."""
+        gone = [frame for candidates in self._pending.values() for frame in candidates if self._stale(frame, now)]
         for payload in {frame.payload for frame in gone}:
             kept = [frame for frame in self._pending[payload] if not self._stale(frame, now)]
             if kept:
@@ -83,8 +84,8 @@ class LaneMatching(Generic[Row]):
         return gone
 
     def rest(self) -> list[tuple[Sent[Row], bool]]:
-        """At the end, those that are pending, and whether each was overtaken on a reliable lane: then it was lost."""
-        return [(frame, self._overtaken(frame)) for same in self._pending.values() for frame in same]
+        """The frames still pending at the end, each with whether it was overtaken on a reliable link and so is lost."""
+        return [(frame, self._overtaken(frame)) for candidates in self._pending.values() for frame in candidates]
 
     def _overtaken(self, frame: Sent[Row]) -> bool:
         return self._reliable and frame.order < self._latest

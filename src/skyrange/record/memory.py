@@ -1,4 +1,4 @@
-"""What happened in a run that no disk needs to know about? An observer that keeps everything in lists."""
+"""Observer that keeps a run in memory, in lists, for tests and notebooks."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ class Raised(NamedTuple):
 
 
 class MemoryObserver:
-    """An `agent.contracts.Observer` that keeps frames, notes, labels, alerts and truth, in the order it was told.
+    """An `agent.contracts.Observer` that keeps frames, notes, labels, alerts and truth in the order of observation.
 
-    Its digests are those a `Recorder` of the same truth period would have. Copies are independent and share
-    the frames, which do not change any more once they were observed.
+    Its digests equal those of a `Recorder` with the same truth period. Copies are independent; they share the frames,
+    which do not change after they were observed.
     """
 
     def __init__(self, truth_period_ns: Time = NS_PER_S // 10) -> None:
-        """Truth is kept every `truth_period_ns` of simulated time."""
+        """Keep truth every `truth_period_ns` of simulated time."""
         self.truth_period_ns = truth_period_ns
         self.frames: list[Frame] = []
         self.notes: list[Noted] = []
@@ -55,19 +55,19 @@ class MemoryObserver:
         self._truth_due: Time | None = None
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame met its fate."""
+        """A frame was delivered, lost or otherwise finished."""
         self.frames.append(frame)
 
     def on_block(self, block: FrameBlock) -> None:
-        """Many frames met their fate."""
+        """A block of frames was finished."""
         self.frames.extend(block.frames())
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
-        """Something was decided or happened."""
+        """A decision or an event was noted."""
         self.notes.append(Noted(now, source, note))
 
     def on_label(self, label: Label) -> None:
-        """A hostile act."""
+        """A hostile act was labelled."""
         self.labels.append(label)
 
     def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
@@ -75,7 +75,7 @@ class MemoryObserver:
         self.alerts.append(Raised(now, detector, alert))
 
     def on_truth(self, now: Time, world: World) -> None:
-        """A tick ended; kept where it is the first at or after a multiple of the period."""
+        """A tick ended; truth is kept at the first tick at or after each multiple of the period."""
         vehicles = tuple(world.vehicles)
         if vehicles and (self._truth_due is None or now >= self._truth_due):
             self._truth_due = now - now % self.truth_period_ns + self.truth_period_ns
@@ -84,7 +84,7 @@ class MemoryObserver:
 
     @property
     def digests(self) -> Digests:
-        """The digests of all that was observed so far."""
+        """The digests of everything observed so far."""
         found = Digests()
         if self.frames:
             found.add_frames(FrameEncoder(1 << 22).encode(self.frames).words)
@@ -97,7 +97,7 @@ class MemoryObserver:
 
     @property
     def outcomes(self) -> dict[str, dict[str, Any]]:
-        """state, reason and finished_s of each aircraft whose outcome was noted."""
+        """`state`, `reason` and `finished_s` of each aircraft whose outcome was noted."""
         return {
             noted.note.about: outcome(noted.time_ns, noted.note.data)
             for noted in self.notes

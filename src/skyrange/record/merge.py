@@ -1,7 +1,7 @@
-"""How do the parts that the nodes of a live run recorded become one record, as if one kernel had recorded it?
+"""Merging of the records of a live run's nodes into one record, as if one kernel had recorded the run.
 
-The frames that crossed between nodes are matched first and set aside; then everything is written in order of time,
-under its true ids, by the recorder of the whole. Memory is bounded: rows are read in batches, several times.
+Frames that crossed between nodes are matched first and spooled separately. Then the recorder of the whole run writes
+everything in order of time, under its true ids. Memory is bounded: rows are read in batches, several times.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from skyrange.record.renames import Renames
 from skyrange.record.spool import SPOOL, Spool, read_spool
 
 _CROSSED = "crossed"
-"""The spooled stream of frames that crossed between nodes, until the record is closed."""
+"""The spool stream for frames that crossed between nodes; it is deleted before the record is closed."""
 
 _FRAME_TIES = ("link", "direction", "sender", "serial")
 
@@ -44,18 +44,19 @@ def merge(
     sensors_hz: float = 2.0,
     files: Iterable[tuple[str, Path]] = (),
 ) -> None:
-    """Make the record of the whole run in `into`, a folder that does not exist or holds nothing but `.parts`.
+    """Write the record of the whole run to `into`, a folder that does not exist or that holds nothing but `.parts`.
 
-    For parts that a supervisor left behind when it was killed; one that lives gathers them itself.
+    This is for parts that a killed supervisor left behind; a running supervisor calls `gather` itself.
 
-    `parts` are folders that `Recorder` wrote, closed or not; each one's manifest has `node`: its `name`, the
-    `endpoints` that lived there, the `offset_ns` to add to its times, and if it says so `until_ns`, on its own clock,
-    the time until which it recorded (else a complete part lasted until the run's end, another until its last row).
-    `files` are put into the folder too, each under its name.
-    `header` is as `Recorder.open` takes it, with the run's `links`; rates are what the parts recorded at. The manifest
-    gets `nodes`, an entry for each part, also of one that is missing, and `crossings`, how many frames that went
-    between nodes were found again; `extra` goes in over that. `InputError` as `Recorder.open`, `ComponentError` where
-    the disk refuses: the parts stay as they are.
+    `parts` are folders that a `Recorder` wrote, closed or not. The manifest of each has an entry `node` with its
+    `name`, the `endpoints` that ran there, the `offset_ns` to add to its times, and optionally `until_ns`, the time on
+    its own clock until which it recorded. Without `until_ns`, a complete part lasted until the run's end and any other
+    until its last row. `files` are copied into the folder under their names. `header` is that of `Recorder.open` and
+    includes the run's `links`. The rates are those at which the parts were recorded.
+
+    The manifest gets `nodes`, an entry for each part including unreadable ones, and `crossings`, the counts of
+    matched and unmatched frames. `extra` overrides these entries. Raises `InputError` as `Recorder.open` does, and
+    `ComponentError` if writing fails; the parts are not changed.
     """
     recorder = Recorder.open(into, header, truth_hz=truth_hz, sensors_hz=sensors_hz)
     try:
@@ -69,17 +70,17 @@ def merge(
 
 
 def gather(folders: Sequence[Path], recorder: Recorder, header: Mapping[str, Any]) -> dict[str, Any]:
-    """Write what the parts in `folders` hold to a recorder that is open and told nothing else.
+    """Write the contents of the parts in `folders` to an open recorder that has observed nothing else.
 
-    Returns the manifest's `nodes` and `crossings`, as `Recorder.close` takes them. Otherwise as `merge`.
+    Returns the manifest entries `nodes` and `crossings` for `Recorder.close`. Otherwise like `merge`.
     """
     lanes = borders(header)
     parts = [Part.open(number, folder) for number, folder in enumerate(folders)]
     for part in parts:
         part.survey({lane: (border.src, border.dst) for lane, border in lanes.items()})
-    said = [part.said() for part in parts]
-    parts = [replace(part, number=number) for number, part in enumerate(sorted(parts, key=_when))]
-    _count_on(parts)
+    entries = [part.manifest_entry() for part in parts]
+    parts = [replace(part, number=number) for number, part in enumerate(sorted(parts, key=_start_and_number))]
+    _continue_serials(parts)
     crossings = Crossings(parts, lanes, Spans(parts))
     for part in parts:
         for name, path in part.files():
@@ -102,19 +103,19 @@ def gather(folders: Sequence[Path], recorder: Recorder, header: Mapping[str, Any
         recorder.on_alert(now, detector, alert)
     for table in ("truth", "sensors", "receptions"):
         for rows in _interleaved(parts, table):
-            named = _renamed(rows, renames) if table == "receptions" else rows
+            named = _with_true_ids(rows, renames) if table == "receptions" else rows
             for batch in named.drop_columns(["part", "row"]).combine_chunks().to_batches():
                 recorder.on_rows(table, batch)
     (recorder.path / SPOOL / f"{_CROSSED}-0000.arrows").unlink(missing_ok=True)
-    return {"nodes": said, "crossings": crossings.counts}
+    return {"nodes": entries, "crossings": crossings.counts}
 
 
-def _when(part: Part) -> tuple[int, int]:
+def _start_and_number(part: Part) -> tuple[int, int]:
     return part.first_ns, part.number
 
 
-def _count_on(parts: Sequence[Part]) -> None:
-    """Senders of a node that was started anew count on from where their earlier part's ended."""
+def _continue_serials(parts: Sequence[Part]) -> None:
+    """Let the serials of a restarted node continue where those of its earlier part ended."""
     heights: dict[tuple[str, str, str], int] = {}
     for part in parts:
         part.shifts = {flow: heights[flow] for flow in part.heights if flow in heights}
@@ -125,12 +126,12 @@ def _count_on(parts: Sequence[Part]) -> None:
 
 
 def _frames(parts: Sequence[Part], folder: Path, renames: Sequence[Renames]) -> Iterator[Frame]:
-    """All frames in order of sending, under their true ids."""
+    """All frames in order of sending, with their true ids."""
 
     def crossed() -> Iterator[pa.Table]:
         return (pa.Table.from_batches([batch]) for batch in read_spool(folder, _CROSSED))
 
-    streams = [_plain(part.frames(crossing=False)) for part in parts]
+    streams = [_select_columns(part.frames(crossing=False)) for part in parts]
     streams.append(in_order(crossed, "sent_ns", _FRAME_TIES))
     for table in interleaved(streams, "sent_ns", _FRAME_TIES):
         columns = [table.column(name).to_pylist() for name in ROWS.names]
@@ -155,12 +156,12 @@ def _frames(parts: Sequence[Part], folder: Path, renames: Sequence[Renames]) -> 
             yield frame
 
 
-def _plain(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
+def _select_columns(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
     return (table.select(ROWS.names).cast(ROWS) for table in tables)
 
 
 def _interleaved(parts: Sequence[Part], table: str) -> Iterator[pa.Table]:
-    """A table's rows in order of time; rows of one time stay as their part had them."""
+    """A table's rows in order of time; rows of one time keep the order of their part."""
     streams = [part.read(table) for part in parts]
     if table in ("decisions", "events"):
         return interleaved(streams, "time_ns", ("source", "part", "row"))
@@ -190,8 +191,8 @@ def _alerts(parts: Sequence[Part]) -> Iterator[tuple[int, str, Alert]]:
             yield row["time_ns"], row["detector"], alert
 
 
-def _renamed(rows: pa.Table, renames: Sequence[Renames]) -> pa.Table:
-    """Receptions with the true senders and serials of what was received."""
+def _with_true_ids(rows: pa.Table, renames: Sequence[Renames]) -> pa.Table:
+    """Receptions with the true senders and serials of the received frames."""
     columns = [rows.column(name).to_pylist() for name in ("part", *_FRAME_TIES)]
     known: dict[tuple[Any, ...], FrameId] = {}
     true = []

@@ -1,4 +1,4 @@
-"""Notes, labels and alerts as rows, and the outcome of each aircraft's mission."""
+"""Rows of notes, labels and alerts, and the outcome of each aircraft's mission."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skyrange.core.time import Time, to_seconds
 from skyrange.record.schema import arrow_schema
 
 OUTCOME = "event.outcome"
-"""The event that closes an aircraft's mission: `state` complete or failed, and a `reason`."""
+"""Kind of the event that ends an aircraft's mission, with `state` (complete or failed) and `reason`."""
 
 UNFINISHED = "unfinished"
 """The state of an aircraft whose outcome was never noted."""
@@ -30,42 +30,44 @@ AlertRow = tuple[Time, str, str, str, float, Time, str]
 
 
 def table_of(kind: str) -> str:
-    """Which table a note belongs to: `decisions` for `decision.…`, else `events`."""
+    """The table of a note: `decisions` for kinds that begin with `decision.`, else `events`."""
     return "decisions" if kind.startswith("decision.") else "events"
 
 
 def note_row(now: Time, source: str, note: Note) -> NoteRow:
-    """The row of a note, its details frozen as they are now; `ComponentError` blames a source of non-scalars."""
+    """The row of a note with a copy of its details; `ComponentError` if these are not scalars."""
     text = _json_text(source, f"noted {note.kind}", note.data)
     return now, note.kind, note.about, source, text, [str(cause) for cause in note.causes]
 
 
 def alert_row(now: Time, detector: str, alert: Alert) -> AlertRow:
-    """The row of an alert, its details frozen as they are now; `ComponentError` blames a detector of non-scalars."""
+    """The row of an alert with a copy of its details; `ComponentError` if these are not scalars."""
     text = _json_text(f"detector {detector}", f"raised {alert.kind}", alert.data)
     return now, detector, alert.kind, alert.subject, alert.score, alert.at, text
 
 
-def _json_text(source: str, did: str, data: Mapping[str, Scalar]) -> str:
+def _json_text(source: str, action: str, data: Mapping[str, Scalar]) -> str:
     try:
-        return json.dumps({key: _plain(value) for key, value in data.items()}, ensure_ascii=False, allow_nan=False)
+        return json.dumps(
+            {key: _json_scalar(value) for key, value in data.items()}, ensure_ascii=False, allow_nan=False
+        )
     except (TypeError, ValueError) as error:
-        problem = f"{did} with data {dict(data)!r}, which is not of scalars"
-        raise ComponentError(source, problem, "Notes and alerts hold str, int, float, bool and None") from error
+        problem = f"{action} with data {dict(data)!r}, which are not all scalars"
+        raise ComponentError(source, problem, "Details are of type str, int, float, bool or None") from error
 
 
-def _plain(value: Scalar) -> Scalar:
-    """JSON has no infinities and no not-a-number: they become the strings `inf`, `-inf`, `nan`."""
+def _json_scalar(value: Scalar) -> Scalar:
+    """Infinities and not-a-number, which JSON lacks, become the strings `inf`, `-inf` and `nan`."""
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def note_batch(table: str, rows: Sequence[NoteRow]) -> pa.RecordBatch:
-    """Rows of `decisions` or `events`."""
+    """Rows of `decisions` or `events` as a batch."""
     return pa.RecordBatch.from_arrays(_columns(table, rows), schema=arrow_schema(table))
 
 
 def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
-    """Rows of `labels`."""
+    """Rows of `labels` as a batch."""
     rows = [
         (
             label.at_ns,
@@ -82,7 +84,7 @@ def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
 
 
 def alert_batch(rows: Sequence[AlertRow]) -> pa.RecordBatch:
-    """Rows of `alerts`."""
+    """Rows of `alerts` as a batch."""
     return pa.RecordBatch.from_arrays(_columns("alerts", rows), schema=arrow_schema("alerts"))
 
 
@@ -92,17 +94,17 @@ def _columns(table: str, rows: Sequence[Sequence[Any]]) -> list[pa.Array]:
 
 
 def outcome(now: Time, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest's entry for an aircraft whose outcome was noted."""
+    """The manifest entry of an aircraft whose outcome was noted."""
     return {"state": data.get("state"), "reason": data.get("reason"), "finished_s": to_seconds(now)}
 
 
 def outcomes(vehicles: Iterable[str], noted: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """An entry for every declared aircraft and for every other that an outcome was noted of."""
+    """One entry for every declared aircraft and for every other aircraft with a noted outcome."""
     unfinished: dict[str, Any] = {"state": UNFINISHED, "reason": "", "finished_s": None}
     return {vehicle: dict(noted.get(vehicle, unfinished)) for vehicle in [*dict.fromkeys([*vehicles, *noted])]}
 
 
 def vehicle_ids(manifest: Mapping[str, Any]) -> list[str]:
-    """The range-wide ids of the manifest's vehicles."""
+    """Range-wide ids of the manifest's vehicles."""
     rows = manifest.get("vehicles") or []
     return [str(row["id"]) if "/" in str(row["id"]) else f"{row.get('operator')}/{row['id']}" for row in rows]

@@ -1,8 +1,8 @@
-"""How are recorded rows read in order of time without holding them all?
+"""Sorting of recorded rows by time with bounded memory.
 
-Rows are recorded as frames meet their fate, which is nearly their order in time. A first reading finds how
-far each batch reaches back and sets apart the few stragglers (a frame held for a minute); a second yields
-rows as soon as no later batch can precede them.
+Rows are recorded when frames are finished, which is nearly in order of time. A first pass determines how far back
+each batch reaches, and sets apart the few stragglers, such as a frame that was delayed for a minute. A second pass
+yields rows as soon as no later batch can contain earlier ones.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 from skyrange.core.time import NEVER
 
 REACH_ROWS = 131_072
-"""A row is a straggler when as many rows or more, recorded since, lie between it and a later one recorded before."""
+"""A row is a straggler if a row with a later key was recorded at least this many rows before it."""
 
 
 def in_order(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
     """The rows of all tables in ascending order of `key` (int64, not null), then of the columns `ties`.
 
-    `tables` starts a reading and is called twice. Memory: at most about `REACH_ROWS` rows, a
-    batch, and the stragglers.
+    `tables` starts one pass over the rows and is called twice. Memory: at most about `REACH_ROWS` rows, one batch,
+    and the stragglers.
     """
     sorting = [(name, "ascending") for name in (key, *ties)]
     floors: list[int] = []
     marks: list[int] = []
     late: list[pa.Table] = []
-    recent: deque[tuple[int, int]] = deque()  # (rows, highest key up to there) of the batches within reach
+    recent: deque[tuple[int, int]] = deque()  # (rows, highest key so far) of the last batches
     recent_rows, highest, mark = 0, -NEVER, -NEVER
     for table in tables():
         keys = _keys(table, key)
@@ -59,7 +59,7 @@ def in_order(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[
             parts.append(stragglers.slice(0, due))
             stragglers = stragglers.slice(due)
         pool = pa.concat_tables(parts).sort_by(sorting)
-        # at the last batch the bound is beyond every row, those at NEVER itself included
+        # after the last batch every row is ready, those with the key NEVER included
         ready = pool.num_rows if bound == NEVER else int(np.searchsorted(_keys(pool, key), bound))
         if ready:
             yield pool.slice(0, ready)
@@ -75,14 +75,14 @@ def _keys(table: pa.Table, key: str) -> NDArray[np.int64]:
 
 
 def interleaved(streams: Sequence[Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
-    """The rows of several streams, each in ascending order of `key` and `ties`, in that order of them all.
+    """Merge several streams, each sorted by `key` and `ties`, into one stream sorted likewise.
 
-    Memory: about two tables of each stream. All streams have the same columns.
+    Memory: about two tables of each stream. All streams must have the same columns.
     """
     sorting = [(name, "ascending") for name in (key, *ties)]
     heads = [head for head in map(_Head, streams) if head.fill(key)]
     while heads:
-        # a row at the end of a head may have ties that are still to come: it waits, but at the stream's end
+        # ties of a head's last row may still follow, so that row waits, except at the end of its stream
         bound = min(head.bound for head in heads)
         parts = [head.take(key, bound) for head in heads]
         yield pa.concat_tables(parts).sort_by(sorting)
@@ -90,16 +90,16 @@ def interleaved(streams: Sequence[Iterator[pa.Table]], key: str, ties: Sequence[
 
 
 class _Head:
-    """The rows of a stream that were read and not yet passed on."""
+    """The rows of a stream that were read but not yet merged."""
 
     def __init__(self, stream: Iterator[pa.Table]) -> None:
         self._stream = stream
         self._rows: pa.Table | None = None
         self.bound = -NEVER
-        """Rows with a lesser key have no other of their key behind them."""
+        """All rows with a smaller key have been read."""
 
     def fill(self, key: str) -> bool:
-        """Read until some row may be passed on; False at the end."""
+        """Read until some row can be merged; returns False at the end of the stream."""
         while True:
             keys = _keys(self._rows, key) if self._rows is not None else np.zeros(0, dtype=np.int64)
             if len(keys) and (self.bound == NEVER or keys[0] < keys[-1]):

@@ -1,4 +1,4 @@
-"""What did one node of a run record? Its part of the record, on the range's clock, whole, killed or damaged."""
+"""Record of one node of a live run, converted to the range's clock; it may be incomplete or damaged."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
 from skyrange.record.matching import TOLERANCE_NS
 from skyrange.record.order import in_order
-from skyrange.record.renames import Lane, Renames
+from skyrange.record.renames import LinkDirection, Renames
 from skyrange.record.run import load
 from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import SPOOL
@@ -29,10 +29,10 @@ from skyrange.record.tables import Tables
 FRAME_COLUMNS = (
     "link", "direction", "sender", "serial", "src", "dst", "sent_ns", "arrived_ns", "fate", "parent", "causes",
 )  # fmt: skip
-"""What is read of a frame, beside its payload."""
+"""The columns that are read of a frame, besides its payload."""
 
 KEPT, HANDED, INCOMING = 0, 1, 2
-"""A frame that stayed within its node; one that left for another node; one that came from another."""
+"""A frame within its node; a frame sent to another node; a frame received from another node."""
 
 _TIMES = {name: ["time_ns"] for name in TABLES} | {
     "alerts": ["time_ns", "at_ns"],
@@ -42,12 +42,12 @@ _TIMES = {name: ["time_ns"] for name in TABLES} | {
 _OWN = {MANIFEST, f"{MANIFEST}{DRAFT}", SPOOL, PARTS, "operators"}
 
 Flow = tuple[str, str, str]
-"""Link, direction and sender: what counts its frames by itself."""
+"""Link, direction and sender: each flow numbers its frames separately."""
 
 
 @dataclass(slots=True)
 class Part:
-    """One node's part of a record; `status` is complete, interrupted, failed, killed or missing."""
+    """One node's record; `status` is complete, interrupted, failed, killed or missing."""
 
     number: int
     folder: Path
@@ -56,29 +56,29 @@ class Part:
     offset_ns: Time = 0
     endpoints: frozenset[str] = frozenset()
     until_ns: Time | None = None
-    """Until when it says itself that it recorded."""
+    """The time until which the node states that it recorded."""
     tables: Tables | None = None
     rows: dict[str, int] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     first_ns: Time = NEVER
     last_ns: Time = -NEVER
-    lanes: dict[Lane, tuple[int, str]] = field(default_factory=dict)
-    """The lanes that cross its border: `HANDED` or `INCOMING`, and the lane's source."""
+    lanes: dict[LinkDirection, tuple[int, str]] = field(default_factory=dict)
+    """The link directions between this node and others: `HANDED` or `INCOMING`, and the source endpoint."""
     heights: dict[Flow, int] = field(default_factory=dict)
-    """One more than the greatest serial of each sender that it numbered."""
+    """Per flow that the node numbered, one more than the greatest serial."""
     shifts: dict[Flow, int] = field(default_factory=dict)
-    """What to add to its serials, where an earlier part has the same senders."""
+    """Per flow, the number to add to serials if an earlier part of the node has the same flow."""
     renames: Renames = field(default_factory=lambda: Renames({}, {}))
 
     @classmethod
     def open(cls, number: int, folder: Path) -> Part:
-        """The part in `folder`; one that cannot be read has the status `missing`, and no rows."""
+        """The part in `folder`; if it cannot be read, its status is `missing` and it has no rows."""
         try:
             record = load(folder)
         except InputError as error:
             return cls(number, folder, folder.name, "missing", problems=[str(error)])
         node = record.manifest.get("node")
-        if not _whole(node):
+        if not _is_node_entry(node):
             problem = f"{MANIFEST}: node: {node!r:.80}, expected a table of name, endpoints and offset_ns"
             return cls(number, folder, folder.name, "missing", problems=[problem])
         offset, until = node["offset_ns"], node.get("until_ns")
@@ -93,8 +93,8 @@ class Part:
             record.tables,
         )
 
-    def survey(self, sources: Mapping[Lane, tuple[str, str]]) -> None:
-        """Read it once: its rows, its first and last times, its border, its counts. `sources` has each lane's ends."""
+    def survey(self, sources: Mapping[LinkDirection, tuple[str, str]]) -> None:
+        """Scan the part for row counts, first and last times, border and serials; `sources` has each lane's ends."""
         for lane, (src, dst) in sources.items():
             if (src in self.endpoints) != (dst in self.endpoints):
                 self.lanes[lane] = (HANDED if src in self.endpoints else INCOMING, src)
@@ -102,14 +102,14 @@ class Part:
             if name in ("payloads", "telemetry") or self.tables is None:
                 continue
             try:
-                self.rows[name] = sum(map(self._note_times, self._raw(name, _TIMES[name])))
+                self.rows[name] = sum(map(self._scan_batch, self._raw(name, _TIMES[name])))
                 if name in OPTIONAL and not self.rows[name]:
                     del self.rows[name]
             except InputError as error:
                 self.rows[name] = 0
                 self.problems.append(str(error))
 
-    def _note_times(self, batch: pa.Table) -> int:
+    def _scan_batch(self, batch: pa.Table) -> int:
         for name in batch.column_names:
             if name in ("time_ns", "at_ns", "sent_ns", "arrived_ns") and batch.num_rows:
                 found = pc.min_max(batch.column(name)).as_py()
@@ -123,7 +123,7 @@ class Part:
         return int(batch.num_rows)
 
     def _raw(self, name: str, columns: Sequence[str] | None) -> Iterator[pa.Table]:
-        """A table as it was recorded; frames have their payloads, and always say whose they are."""
+        """A table as recorded; frames always have their payloads, link, direction, sender and serial."""
         if self.tables is None:
             return
         if name != "frames":
@@ -134,26 +134,27 @@ class Part:
         for table in self.tables.frames_with_payloads(wanted):
             yield table if columns is None else table.drop_columns(["payload"])
 
-    # ---------------------------------------------------------------- rows in order of time, on the range's clock
+    # ---------------------------------------------------------------- rows in order of time, on the range clock
 
     def read(self, name: str) -> Iterator[pa.Table]:
-        """A table (no frames) in order of time, with the columns `part` and `row`: its place in the record."""
+        """A table other than frames in order of time, with the columns `part` and `row` (its number in the part)."""
         key = _TIMES[name][0]
         if self.rows.get(name):
             yield from in_order(lambda: self._numbered(name), key, ("row",))
 
     def frames(self, crossing: bool) -> Iterator[pa.Table]:
-        """The frames that did not cross its border, in order of sending, or those that did, as they are matched.
+        """The frames that crossed the node's border, or those that did not.
 
-        Serials are counted on from earlier parts. Columns are `FRAME_COLUMNS`, `payload`, `part`, `row`. Those that
-        crossed are in order of `key_ns`: what came in waits until all is known that was sent by then; then of `how`
-        (`HANDED` or `INCOMING`) and `order`, that of leaving or of coming in. `left_ns` is about when it left.
+        Serials continue those of earlier parts. Columns are `FRAME_COLUMNS`, `payload`, `part`, `row`. Frames that
+        stayed within the node are in order of sending. Frames that crossed are in the order in which they are matched:
+        by `key_ns`, which for a received frame is late enough that everything sent by then is known, then by `how`
+        (`HANDED` or `INCOMING`) and `order` (of leaving or of arrival). `left_ns` is approximately when a frame left.
         """
         if self.rows.get("frames"):
             key = ("key_ns", ("how", "order")) if crossing else ("sent_ns", ("link", "direction", "sender", "serial"))
-            yield from in_order(lambda: self._sorted_out(crossing), *key)
+            yield from in_order(lambda: self._classify_frames(crossing), *key)
 
-    def _sorted_out(self, crossing: bool) -> Iterator[pa.Table]:
+    def _classify_frames(self, crossing: bool) -> Iterator[pa.Table]:
         left = -NEVER
         for table in self._numbered("frames"):
             how = np.zeros(table.num_rows, dtype=np.int8)
@@ -168,16 +169,16 @@ class Part:
                     continue
                 serial[rows] += self.shifts.get((link, direction, sender), 0)
             table = table.set_column(table.column_names.index("serial"), "serial", pa.array(serial))
-            # rows are written as frames leave: what was sent and written before a frame had been sent when it left
+            # rows are written as frames leave, so a frame left no earlier than any frame written before it was sent
             lefts = np.maximum.accumulate(np.append(left, table.column("sent_ns").to_numpy()))
             left = int(lefts[-1])
             if crossing:
-                came = how == INCOMING
+                incoming = how == INCOMING
                 table = (
                     table.append_column("how", pa.array(how))
                     .append_column("left_ns", pa.array(lefts[1:]))
-                    .append_column("order", pa.array(np.where(came, serial, table.column("row").to_numpy())))
-                    .append_column("key_ns", pc.add(table.column("sent_ns"), pa.array(came * TOLERANCE_NS)))
+                    .append_column("order", pa.array(np.where(incoming, serial, table.column("row").to_numpy())))
+                    .append_column("key_ns", pc.add(table.column("sent_ns"), pa.array(incoming * TOLERANCE_NS)))
                 )
             yield table.filter(pa.array((how != KEPT) == crossing))
 
@@ -185,27 +186,27 @@ class Part:
         rows = 0
         for table in self._raw(name, None):
             for column in _TIMES[name]:
-                moved = _moved(table.column(column), self.offset_ns)
+                moved = _shift_times(table.column(column), self.offset_ns)
                 table = table.set_column(table.column_names.index(column), column, moved)
             table = table.append_column("part", pa.array(np.full(table.num_rows, self.number, dtype=np.int64)))
             yield table.append_column("row", pa.array(np.arange(rows, rows + table.num_rows, dtype=np.int64)))
             rows += table.num_rows
 
-    # ---------------------------------------------------------------- what else there is
+    # ---------------------------------------------------------------- files and summary
 
     def files(self) -> Iterator[tuple[str, Path]]:
-        """Files that were attached or kept, by their names in the folder."""
+        """The files besides the tables, with their names in the folder."""
         if self.tables is not None:
             yield from attached(self.folder)
 
-    def said(self) -> dict[str, Any]:
-        """Its entry in the manifest of the whole."""
+    def manifest_entry(self) -> dict[str, Any]:
+        """The part's entry in the manifest of the merged run."""
         entry = {"name": self.name, "status": self.status, "offset_ns": self.offset_ns, "rows": self.rows}
         return entry | ({"problems": self.problems} if self.problems else {})
 
 
 def attached(folder: Path) -> Iterator[tuple[str, Path]]:
-    """The files of a run or a part that are not the record's own, by their names in the folder."""
+    """The files of a run or a part that are not the record's own, with their names in the folder."""
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)
         tabular = len(name.parts) == 1 and name.suffix == ".parquet"
@@ -214,7 +215,7 @@ def attached(folder: Path) -> Iterator[tuple[str, Path]]:
 
 
 def _flows(table: pa.Table, which: str = "serials") -> Iterator[tuple[Flow, NDArray[np.int64]]]:
-    """By flow, the serials of its frames or the rows where they stand."""
+    """For each flow in a table, the serials of its frames or their row numbers."""
     if not table.num_rows:
         return
     numbers, names = [], []
@@ -234,12 +235,12 @@ def _flows(table: pa.Table, which: str = "serials") -> Iterator[tuple[Flow, NDAr
         yield key, rows if which == "rows" else serials[rows]
 
 
-def _moved(column: pa.ChunkedArray, offset_ns: Time) -> pa.ChunkedArray:
-    """Times moved by the offset; none stay none, and never stays never."""
+def _shift_times(column: pa.ChunkedArray, offset_ns: Time) -> pa.ChunkedArray:
+    """Times plus the offset; null and `NEVER` are unchanged."""
     return pc.if_else(pc.equal(column, NEVER), column, pc.add(column, pa.scalar(offset_ns, pa.int64())))
 
 
-def _whole(node: object) -> TypeGuard[Mapping[str, Any]]:
+def _is_node_entry(node: object) -> TypeGuard[Mapping[str, Any]]:
     if not isinstance(node, Mapping):
         return False
     endpoints = node.get("endpoints")

@@ -1,6 +1,7 @@
-"""Which payloads are new? Numbers byte strings in columns, each distinct one once per window, and hashes them.
+"""De-duplication of payloads: numbers and hashes byte strings in columns, each distinct one once per window.
 
-An open-addressing table of the window's payloads, in one kernel; equal means equal bytes, never only equal hashes.
+The payloads of a window are kept in a hash table with open addressing. Payloads are equal only if their bytes are
+equal, never by their hashes alone.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ PAYLOAD_SPOOL = pa.schema([("payload_id", pa.int64()), ("payload", pa.binary())]
 
 
 @kernel
-def _number(
+def _assign_ids(
     data: Bytes, starts: Ints, sizes: Ints, begin: int, window_bytes: int,
     slots: NDArray[np.int32], hashes: Words, store: Bytes, ends: Ints, state: Ints, ids: Ints, words: Words,
 ) -> int:  # fmt: skip
-    """Number payloads from `begin` on: returns where the window was full, or how many there are.
+    """Number payloads from row `begin` on; returns the row at which the window was full, or the number of rows.
 
-    `ends` has where each kept payload ends in `store`, `state` is (payloads kept, bytes kept).
+    `ends` are the end offsets of the stored payloads in `store`; `state` is (payloads stored, bytes stored).
     """
     count = state[0]
     used = state[1]
@@ -75,34 +76,34 @@ def _number(
 
 
 class PayloadNumbers:
-    """Numbers the payloads of the current window; those not yet handed over are fresh.
+    """Numbers the payloads of the current window and collects new ones until they are fetched.
 
-    A window ends after `PAYLOAD_WINDOW` payloads or `window_bytes`, counted on payloads alone, so that ids do
-    not depend on when the recorder flushes. Deep-copyable.
+    A window ends after `PAYLOAD_WINDOW` payloads or `window_bytes`. Both count payloads alone, so ids do not depend
+    on when the recorder flushes. Deep-copyable.
     """
 
     def __init__(self, window_bytes: int) -> None:
-        """`window_bytes` of distinct payloads are de-duplicated together and held in memory."""
+        """`window_bytes` of distinct payloads are de-duplicated together and kept in memory."""
         self.window_bytes = window_bytes
         self.start = 0
-        """The number of the window's first payload."""
+        """The id of the window's first payload."""
         self._slots = np.full(_SLOTS, -1, dtype=np.int32)
         self._hashes = np.empty((PAYLOAD_WINDOW, 2), dtype=np.uint64)
         self._ends = np.zeros(PAYLOAD_WINDOW, dtype=np.int64)
         self._store = np.empty(1 << 16, dtype=np.uint8)
         self._state = np.zeros(2, dtype=np.int64)
-        self._handed = 0
-        self._left: list[tuple[int, Bytes, Ints]] = []  # of windows that ended: first id, bytes, ends
+        self._fetched = 0
+        self._pending: list[tuple[int, Bytes, Ints]] = []  # not fetched yet: first id, bytes, end offsets
 
     def number(self, payloads: Payloads) -> tuple[Ints, Words]:
-        """Ids (n,) and hashes (n, 2); those not seen in this window get the next ids."""
+        """Ids (n,) and hashes (n, 2) of payloads; payloads that are new in this window get the next ids."""
         rows = len(payloads)
         ids = np.empty(rows, dtype=np.int64)
         words = np.empty((rows, 2), dtype=np.uint64)
         begin = 0
         while True:
             self._make_room(int(payloads.sizes[begin:].sum()))
-            done = _number(
+            done = _assign_ids(
                 payloads.data, payloads.starts, payloads.sizes, begin, self.window_bytes,
                 self._slots, self._hashes, self._store, self._ends, self._state, ids, words,
             )  # fmt: skip
@@ -120,24 +121,24 @@ class PayloadNumbers:
             self._store = grown
 
     def _end_window(self) -> None:
-        self._keep_fresh()
+        self._collect_new()
         self._slots.fill(-1)
         self._state[:] = 0
-        self._handed = 0
+        self._fetched = 0
         self.start += PAYLOAD_WINDOW
 
-    def _keep_fresh(self) -> None:
+    def _collect_new(self) -> None:
         count = int(self._state[0])
-        if count > self._handed:
-            first = int(self._ends[self._handed - 1]) if self._handed else 0
-            ends = self._ends[self._handed : count] - first
-            self._left.append((self.start + self._handed, self._store[first : first + int(ends[-1])].copy(), ends))
-            self._handed = count
+        if count > self._fetched:
+            first = int(self._ends[self._fetched - 1]) if self._fetched else 0
+            ends = self._ends[self._fetched : count] - first
+            self._pending.append((self.start + self._fetched, self._store[first : first + int(ends[-1])].copy(), ends))
+            self._fetched = count
 
     def fresh(self) -> pa.RecordBatch:
-        """Rows of the payloads that were first seen since the last call."""
-        self._keep_fresh()
-        left, self._left = self._left, []
+        """Rows of the payloads that are new since the last call."""
+        self._collect_new()
+        left, self._pending = self._pending, []
         ids = [np.arange(first, first + len(ends), dtype=np.int64) for first, _, ends in left]
         values = [_binary(data, ends) for _, data, ends in left]
         arrays = [

@@ -1,4 +1,4 @@
-"""How often are truth and sensors recorded? Rates in Hz, as periods."""
+"""Recording rates of truth and sensors in Hz, and their periods."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
 
 
 def check_rates(truth_hz: float, sensors_hz: float) -> None:
-    """`InputError` for a rate that nothing can be recorded at."""
+    """Raise `InputError` for a rate outside 0 to 1000 Hz."""
     rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
     expected = "a rate in Hz from 0 (not recorded) to 1000"
     faults = [Fault(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
@@ -18,7 +18,7 @@ def check_rates(truth_hz: float, sensors_hz: float) -> None:
 
 
 def common_period_ns(truth_ns: Time, sensors_ns: Time) -> Time:
-    """A period that meets the multiples of both; one that is not recorded (NEVER) has no say."""
+    """The longest period whose multiples include those of both; a period of `NEVER` (not recorded) is ignored."""
     wanted = [period for period in (truth_ns, sensors_ns) if period != NEVER]
     return gcd(*wanted) if wanted else NEVER
 

@@ -1,7 +1,7 @@
-"""How is a run written down while it flies? An observer that streams to the run's folder, bounded in memory.
+"""Recorder of a run: an observer that streams to the run's folder with bounded memory.
 
-What is observed waits in plain lists and is handed to the disk whole, every wall second or 4 MB: the one
-clock read here decides when rows are written, never what is in them.
+Observations are collected in lists and written in whole batches, every second of wall time or every 4 MB. The wall
+clock decides only when rows are written, never what they contain.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ from skyrange.record.ticks import (
 )
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
-_BLOCK_ROWS = 16_384  # of blocks, which are few objects: two or three megabytes
+_BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
 
 
 @dataclass(slots=True)
 class _State:
-    """All that a fork copies: what was numbered, summed and counted, and when truth is due."""
+    """The state that a fork copies: numbering, digests, counts, and when truth and sensors are due."""
 
     encoder: FrameEncoder
     truth_ns: Time
@@ -81,9 +81,9 @@ class _State:
 class Recorder:
     """An `agent.contracts.Observer` that writes the run's folder.
 
-    Frames are kept as they are until the next flush: one that was observed does not change any more.
-    After the disk refused once (`ComponentError`), what is observed is dropped, and `close` leaves the
-    record in its spool, where `load` reads it.
+    Frames are kept by reference until the next flush, because they do not change after they were observed. After a
+    failed write (`ComponentError`) further observations are dropped, and `close` leaves the record in its spool,
+    from which `load` reads it.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Recorder:
         self._flush_s = flush_s
         self._due_s = monotonic() + flush_s
         self._made = made
-        self._refused = False
+        self._write_failed = False
         self._closed = False
         self._frames: list[Frame | FrameBlock] = []
         self._singles = 0
@@ -130,13 +130,13 @@ class Recorder:
         spool_bytes: int = 4 << 20,
         flush_s: float = 1.0,
     ) -> Self:
-        """Begin a record in `path`, a folder that does not exist or is empty; its manifest says `running` from now.
+        """Begin a record in `path`, a folder that does not exist or is empty; its manifest says `running` from now on.
 
-        `header` is what the manifest says of the scenario (name, seed, start_utc, origin, operators, vehicles,
-        links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time, 0 for not at
-        all. Rows are handed to the disk every `flush_s` of wall time or `spool_bytes`, which is also how many
-        bytes of payloads are de-duplicated together. `InputError`, with nothing left behind, where the folder
-        cannot be made, is not empty or cannot be written.
+        `header` holds the manifest's entries about the scenario (name, seed, start_utc, origin, operators, vehicles,
+        links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time; 0 records none.
+        Rows are written every `flush_s` of wall time or every `spool_bytes`, which is also how many bytes of payloads
+        are de-duplicated together. Raises `InputError`, and leaves nothing behind, if the folder cannot be created,
+        is not empty or cannot be written.
         """
         folder = Path(path).expanduser()
         check_rates(truth_hz, sensors_hz)
@@ -166,26 +166,26 @@ class Recorder:
         return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made)
 
     def listen(self, air: Air | None) -> None:
-        """Ask `air` for receptions at each flush from now on."""
+        """Record the receptions of `air`, fetched at each flush from now on."""
         self._air = air
 
     def attach(self, name: str, data: bytes) -> None:
         """Put a file into the folder before the run starts: `scenario.toml`, `missions/survey.plan`, `city.json`.
 
-        `name` is relative, its parts plain names; `InputError` for one that leaves the folder or is the
-        record's own, and where the disk refuses: there is no record then, and nothing is left behind.
+        `name` is a relative path of plain names. Raises `InputError` for a path that leaves the folder or that the
+        record uses itself, and if writing fails; the record is then abandoned and nothing is left behind.
         """
         if self._state.counts:
-            raise ValueError(f"{name}: files are attached before the first rows are written")
+            raise ValueError(f"{name}: files must be attached before the first rows are written")
         try:
             put_file(self.path, name, data)
         except InputError:
-            self._refused = self._closed = True
+            self._write_failed = self._closed = True
             unmake_folder(self.path, self._made)
             raise
 
     def keep(self, name: str, path: Path) -> None:
-        """Copy a file that a program left into the folder, under `name`; `ComponentError` where the disk refuses."""
+        """Copy a program's output file into the folder under `name`; `ComponentError` if writing fails."""
         target = self.path / name
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -193,28 +193,28 @@ class Recorder:
         except OSError as error:
             raise cannot_write(target, error) from error
 
-    # ---------------------------------------------------------------- what the kernel tells
+    # ---------------------------------------------------------------- observations
 
     def on_frame(self, frame: Frame) -> None:
-        """A frame met its fate."""
+        """A frame was delivered, lost or otherwise finished."""
         self._frames.append(frame)
         self._singles += 1
         if monotonic() >= self._due_s:
             self.flush()
         elif self._singles >= _BATCH_ROWS:
-            self._hand_over_frames()
+            self._write_frames()
 
     def on_block(self, block: FrameBlock) -> None:
-        """Many frames met their fate."""
+        """A block of frames was finished."""
         self._frames.append(block)
         self._frame_rows += len(block)
         if monotonic() >= self._due_s:
             self.flush()
         elif self._frame_rows >= _BLOCK_ROWS:
-            self._hand_over_frames()
+            self._write_frames()
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
-        """Something was decided or happened."""
+        """A decision or an event was noted."""
         row = note_row(now, source, note)
         self._notes[table_of(note.kind)].append(row)
         state = self._state
@@ -227,7 +227,7 @@ class Recorder:
             self.flush()
 
     def on_label(self, label: Label) -> None:
-        """A hostile act."""
+        """A hostile act was labelled."""
         self._labels.append(label)
         if len(self._labels) >= _BATCH_ROWS or monotonic() >= self._due_s:
             self.flush()
@@ -239,7 +239,7 @@ class Recorder:
             self.flush()
 
     def on_truth(self, now: Time, world: World) -> None:
-        """A tick ended; kept where it is the first at or after a multiple of the period."""
+        """A tick ended; truth is recorded at the first tick at or after each multiple of its period, as are sensors."""
         state = self._state
         state.last_ns = max(state.last_ns, now)
         vehicles = tuple(world.vehicles)
@@ -257,9 +257,9 @@ class Recorder:
             self.flush()
 
     def on_rows(self, table: str, batch: pa.RecordBatch) -> None:
-        """Rows of truth, sensors or receptions that another recorder wrote."""
+        """Append rows of truth, sensors or receptions that another recorder wrote."""
         state = self._state
-        if self._refused or not batch.num_rows:
+        if self._write_failed or not batch.num_rows:
             return
         if table == "truth":
             state.digests.add_truth(truth_words(ticks_of(batch)))
@@ -269,27 +269,27 @@ class Recorder:
     # ---------------------------------------------------------------- writing
 
     def flush(self) -> None:
-        """Hand all rows to the operating system now; `ComponentError` where the disk refuses."""
+        """Write all rows now; `ComponentError` if writing fails."""
         self._due_s = monotonic() + self._flush_s
-        if not self._refused:
-            self._hand_over_frames()
-            self._hand_over_others()
+        if not self._write_failed:
+            self._write_frames()
+            self._write_other_rows()
         self._clear()
 
-    def _hand_over_frames(self) -> None:
+    def _write_frames(self) -> None:
         frames = self._frames
         self._frames = []
         self._singles = self._frame_rows = 0
-        if not frames or self._refused:
+        if not frames or self._write_failed:
             return
         encoded = self._state.encoder.encode(frames)
         self._state.digests.add_frames(encoded.words)
         self._state.last_ns = max(self._state.last_ns, encoded.last_ns)
-        if encoded.payloads.num_rows:  # first: a frame's row never stands without its payload
+        if encoded.payloads.num_rows:  # first, so that no frame's row is without its payload
             self._append("payloads", encoded.payloads)
         self._append("frames", encoded.frames)
 
-    def _hand_over_others(self) -> None:
+    def _write_other_rows(self) -> None:
         if self._truth:
             self._state.digests.add_truth(truth_words(self._truth))
             self._append("truth", truth_batch(self._truth))
@@ -310,7 +310,7 @@ class Recorder:
         try:
             self._spool.append(table, batch)
         except ComponentError:
-            self._refused = True
+            self._write_failed = True
             raise
         counts = self._state.counts
         counts[table] = counts.get(table, 0) + batch.num_rows
@@ -328,17 +328,17 @@ class Recorder:
 
     @property
     def digests(self) -> Digests:
-        """An independent copy of the digests of all that was observed so far."""
+        """An independent copy of the digests of everything observed so far."""
         self.flush()
         return deepcopy(self._state.digests)
 
     def fork(self, path: Path | str) -> Recorder:
-        """A second recorder, in a copy of the folder, which continues identically; both go on in new segments.
+        """A second recorder in a copy of the folder, which continues identically; both continue in new segments.
 
-        `InputError` where `path` cannot be made or is not empty.
+        Raises `InputError` if `path` cannot be created or is not empty.
         """
-        if self._refused:
-            raise ComponentError("recorder", f"{self.path} cannot be forked: the disk refused earlier rows")
+        if self._write_failed:
+            raise ComponentError("recorder", f"{self.path} cannot be forked: an earlier write failed")
         folder = Path(path).expanduser()
         if self.path.resolve() in (folder.resolve(), *folder.resolve().parents):
             raise InputError.one("fork", "folder", str(folder), "a folder outside the run that is forked")
@@ -362,43 +362,44 @@ class Recorder:
     def close(
         self, status: str = "complete", extra: Mapping[str, Any] | None = None, *, in_spool: bool = False
     ) -> None:
-        """End the record: tables, CSVs and tlogs from the spool, then the manifest, then no spool any more.
+        """End the record: write tables, CSV files and tlogs from the spool, then the manifest, then delete the spool.
 
-        With `in_spool` its rows stay there, as a part's do that is soon merged. `status` is complete, interrupted or
-        failed; `extra` goes into the manifest (simulated_s, timings, …) over what the recorder knows itself. Memory
-        stays bounded. `ComponentError` where the disk refuses: everything recorded is then still in the spool. A record
-        that was refused before only has its manifest's status set, if that can be written. Closing again does nothing.
+        With `in_spool` the rows stay in the spool, as for a part that will be merged. `status` is complete,
+        interrupted or failed. `extra` holds manifest entries (simulated_s, timings, …) that override the recorder's
+        own. Memory stays bounded. Raises `ComponentError` if writing fails; everything recorded is then still in the
+        spool. After an earlier failed write, only the status in the manifest is set, if that can be written. Closing
+        a second time does nothing.
         """
         if status not in ENDINGS:
             raise ValueError(f"status {status!r}, expected one of {', '.join(ENDINGS)}")
         if self._closed:
             return
         self._closed = True
-        if self._refused:
-            self._leave_spooled(extra or {})
+        if self._write_failed:
+            self._note_spooled(extra or {})
             return
         try:
             self.flush()
             self._spool.end_segment()
             counts = dict(self._state.counts) if in_spool else finalise(self.path, self._manifest)
             self._manifest |= {"counts": counts, **({"spooled": True} if in_spool else {})}
-            self._manifest |= self._ending(status, extra or {})
+            self._manifest |= self._final_entries(status, extra or {})
             write_manifest(self.path, self._manifest)
         except OSError as error:
             raise cannot_write(self.path / MANIFEST, error) from error
         except ComponentError:
-            self._leave_spooled(extra or {})
+            self._note_spooled(extra or {})
             raise
         if not in_spool:
             shutil.rmtree(self.path / SPOOL, ignore_errors=True)
 
-    def _leave_spooled(self, extra: Mapping[str, Any]) -> None:
-        """Say in the manifest, if the disk lets it, that the run failed and its rows are in the spool."""
-        self._manifest |= self._ending("failed", extra) | {"spooled": True}
+    def _note_spooled(self, extra: Mapping[str, Any]) -> None:
+        """Note in the manifest, if it can be written, that the run failed and its rows are in the spool."""
+        self._manifest |= self._final_entries("failed", extra) | {"spooled": True}
         with suppress(OSError):
             write_manifest(self.path, self._manifest)
 
-    def _ending(self, status: str, extra: Mapping[str, Any]) -> dict[str, Any]:
+    def _final_entries(self, status: str, extra: Mapping[str, Any]) -> dict[str, Any]:
         state = self._state
         return {
             "simulated_s": to_seconds(state.last_ns),

@@ -1,4 +1,4 @@
-"""How does a live range whose supervisor was killed still become one record? Out of the parts that it left behind."""
+"""Recovery of the record of a live range whose supervisor was killed, from the parts that it left behind."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from skyrange.record.merge import merge
 from skyrange.record.parts import attached
 
 STILL_S: Final = 5.0
-"""A part that was written to so lately may be written to still: rows are handed over every second."""
+"""A part that was written within this time may still be in use: recorders write every second."""
 _OF_THE_WHOLE: Final = {"format", "status", "skyrange", "versions", "platform", "record", "counts", "error", "spooled"}
-"""What the new record's manifest says by itself."""
+"""Entries that the new record's manifest sets itself."""
 
 
 def rejoin(run: Path, out: Path) -> None:
-    """Make one record in `out`, a folder that does not exist or is empty, of the parts in a live run's folder `run`.
+    """Merge the parts in a live run's folder `run` into one record in `out`, a folder that does not exist or is empty.
 
-    They stay as they are. The record's status is `failed`, for the range did not end by itself. `InputError` where
-    `run` has no parts, or where they are still written to.
+    The parts are not changed. The status of the record is `failed`, because the range did not end by itself. Raises
+    `InputError` if `run` has no parts or if they are still being written.
     """
     manifest = read_manifest(run)
     parts = sorted(path.parent for path in (run / PARTS).glob(f"*/{MANIFEST}"))
     if not parts:
-        hint = "A live range leaves them where it was killed, or had no room to join them."
-        raise InputError.one("merge", str(run), f"no parts in {PARTS}", "the folder of such a range", hint)
+        hint = "A live range leaves parts behind if it was killed, or if the disk was too full to merge them."
+        raise InputError.one("merge", str(run), f"no parts in {PARTS}", "the folder of a live range with parts", hint)
     newest = max(path.stat().st_mtime for part in parts for path in part.rglob("*"))
     if manifest["status"] == RUNNING and time.time() - newest < STILL_S:
         raise InputError.one("merge", str(run), "still written to", "a range that has ended", "Stop it with Ctrl-C.")

@@ -1,7 +1,8 @@
-"""What is the true id of a frame that a node could only number as it came in?
+"""True ids of frames that a node of a live run could number only in order of arrival.
 
-A node numbers what comes from another node by arrival, under the name of the lane's source. True serials follow the
-same count but for losses, so the names are kept as stretches: memory grows with what went missing, not with the run.
+A node numbers the frames from another node by arrival, under the name of the link direction's source. True serials
+follow the same count except for losses, so the mapping is stored as ranges: memory grows with the number of losses,
+not with the length of the run.
 """
 
 from __future__ import annotations
@@ -12,28 +13,28 @@ from collections.abc import Mapping
 from skyrange.core.ids import FrameId
 
 UNRECORDED = "unrecorded"
-"""The sender of a frame that came from a node of the range whose record of it is lost, or that is referred to only."""
+"""The sender of a frame whose sending node has no record of it, or of a frame that is only referred to."""
 
-Lane = tuple[str, str]
+LinkDirection = tuple[str, str]
 """A link and a direction."""
 
 
-class _Stretches:
-    """True senders and serials of one lane's provisional serials."""
+class _SerialRanges:
+    """True senders and serials by the provisional serials of one link direction."""
 
-    __slots__ = ("_ends", "_odd", "_senders", "_shifts", "_starts")
+    __slots__ = ("_ends", "_exceptions", "_senders", "_shifts", "_starts")
 
     def __init__(self) -> None:
         self._starts: list[int] = []
         self._ends: list[int] = []
         self._senders: list[str] = []
         self._shifts: list[int] = []
-        self._odd: dict[int, tuple[str, int]] = {}  # what was not told in ascending order
+        self._exceptions: dict[int, tuple[str, int]] = {}  # serials not added in ascending order
 
     def put(self, serial: int, sender: str, true: int) -> None:
         shift = true - serial
         if self._ends and serial < self._ends[-1]:
-            self._odd[serial] = (sender, true)
+            self._exceptions[serial] = (sender, true)
         elif self._ends and (serial, sender, shift) == (self._ends[-1], self._senders[-1], self._shifts[-1]):
             self._ends[-1] += 1
         else:
@@ -43,8 +44,8 @@ class _Stretches:
             self._shifts.append(shift)
 
     def get(self, serial: int) -> tuple[str, int]:
-        if serial in self._odd:
-            return self._odd[serial]
+        if serial in self._exceptions:
+            return self._exceptions[serial]
         place = bisect_right(self._starts, serial) - 1
         if place < 0 or serial >= self._ends[place]:
             return UNRECORDED, serial
@@ -52,29 +53,29 @@ class _Stretches:
 
 
 class Renames:
-    """The true ids behind the ids that one node's part of a record has."""
+    """Map from the frame ids in one node's record to the true ids."""
 
-    def __init__(self, incoming: Mapping[Lane, str], shifts: Mapping[tuple[str, str, str], int]) -> None:
-        """`incoming` has the source of each lane that leads in from another node.
+    def __init__(self, incoming: Mapping[LinkDirection, str], shifts: Mapping[tuple[str, str, str], int]) -> None:
+        """`incoming` has the source endpoint of each link direction that leads here from another node.
 
-        `shifts` is added to the serials of (link, direction, sender): of a node that began anew, so did its counts.
+        `shifts` are added to the serials of (link, direction, sender): a restarted node counts from 0 again.
         """
         self._incoming = incoming
         self._shifts = shifts
-        self._stretches: dict[Lane, _Stretches] = {lane: _Stretches() for lane in incoming}
+        self._ranges: dict[LinkDirection, _SerialRanges] = {lane: _SerialRanges() for lane in incoming}
 
-    def put(self, lane: Lane, serial: int, sender: str, true: int) -> None:
-        """The frame numbered `serial` as it came in is `sender`'s frame `true`."""
-        self._stretches[lane].put(serial, sender, true)
+    def put(self, lane: LinkDirection, serial: int, sender: str, true: int) -> None:
+        """Note that the frame with the provisional `serial` is frame number `true` of `sender`."""
+        self._ranges[lane].put(serial, sender, true)
 
     def of(self, id_: FrameId) -> FrameId:
-        """The true id; `UNRECORDED`'s where the frame itself is not in the record."""
+        """The true id; its sender is `UNRECORDED` if the frame itself is not in the record."""
         link, direction, sender, serial = id_
         if self._incoming.get((link, direction)) == sender:
-            return FrameId(link, direction, *self._stretches[link, direction].get(serial))
+            return FrameId(link, direction, *self._ranges[link, direction].get(serial))
         shift = self._shifts.get((link, direction, sender), 0)
         return FrameId(link, direction, sender, serial + shift) if shift else id_
 
     def text(self, id_: str) -> FrameId:
-        """The true id of one that is spelt out."""
+        """The true id for an id given as text."""
         return self.of(FrameId.parse(id_))

@@ -1,4 +1,4 @@
-"""What does a recorded run hold? Opens a run's folder, whether the run ended, was interrupted, or was killed."""
+"""Reader of a recorded run, whether it ended, was interrupted, or was killed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from skyrange.record.telemetry import telemetry
 
 
 class RecordedFrame(NamedTuple):
-    """One frame as it was recorded; `parent` and `causes` are ids as `core.ids.FrameId` spells and parses them."""
+    """One recorded frame; `parent` and `causes` are ids in the text form of `core.ids.FrameId`."""
 
     link: str
     direction: str
@@ -40,7 +40,7 @@ class RecordedFrame(NamedTuple):
 
     @property
     def id(self) -> str:
-        """The frame's own id, spelt as `parent` and `causes` spell theirs."""
+        """The frame's own id in the same text form as `parent` and `causes`."""
         return str(FrameId(self.link, self.direction, self.sender, self.serial))
 
 
@@ -49,7 +49,7 @@ _FRAME_COLUMNS = [name for name in RecordedFrame._fields if name != "payload"]
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run's folder, opened. Tables are read when they are asked for."""
+    """An opened run folder. Tables are read on request."""
 
     path: Path
     manifest: dict[str, Any]
@@ -63,13 +63,13 @@ class RunRecord:
 
     @property
     def ended(self) -> bool:
-        """Whether the run came to an end that was written down."""
+        """Whether the manifest says how the run ended."""
         return bool(self.manifest["status"] != RUNNING)
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-        """A whole table as a `pyarrow.Table`, names as plain strings; `columns` reads only some.
+        """A whole table as a `pyarrow.Table`, with names as plain strings; `columns` selects columns.
 
-        Names are those of `skyrange.record.schema.TABLES`; a table of which the run recorded nothing is empty.
+        The names of tables are those of `skyrange.record.schema.TABLES`. A table without recorded rows is empty.
         """
         _check(name)
         if name == "telemetry" and self.tables.spooled:
@@ -78,14 +78,14 @@ class RunRecord:
         return self.tables.table(name, columns)
 
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """The same rows in batches, for tables larger than memory."""
+        """The same rows in batches, for tables that are larger than memory."""
         _check(name)
         if name == "telemetry" and self.tables.spooled:
             return iter(self.table(name, columns).to_batches())
         return self.tables.batches(name, columns)
 
     def rows(self, name: str) -> int:
-        """How many rows a table has."""
+        """Number of rows of a table."""
         _check(name)
         if name == "telemetry" and self.tables.spooled:
             return int(self.table(name, ["time_ns"]).num_rows)
@@ -93,11 +93,11 @@ class RunRecord:
 
     @property
     def telemetry(self) -> pa.Table:
-        """What the ground stations received; for a run that was killed, derived from its frames now."""
+        """The messages that the ground stations received; for a killed run, derived from its frames now."""
         return self.table("telemetry")
 
     def frames_with_payloads(self) -> Iterator[RecordedFrame]:
-        """Every frame with its bytes, as recorded: nearly in order of time."""
+        """Every frame with its payload, in the order recorded, which is nearly the order of time."""
         for table in self.tables.frames_with_payloads(_FRAME_COLUMNS):
             columns = {name: table.column(name).to_pylist() for name in table.column_names}
             columns["causes"] = [tuple(ids or ()) for ids in columns["causes"]]
@@ -106,7 +106,7 @@ class RunRecord:
 
     @property
     def city(self) -> list[dict[str, Any]]:
-        """The buildings of `city.json`: `height_m` and `rings` of (east, north) metres; none where there is no file."""
+        """The buildings of `city.json`: `height_m` and `rings` of (east, north) metres; empty if there is no file."""
         path = self.path / "city.json"
         if not path.exists():
             return []
@@ -118,7 +118,7 @@ class RunRecord:
 
     @property
     def outcomes(self) -> dict[str, dict[str, Any]]:
-        """state, reason and finished_s of every aircraft: what its ground station last said of its mission."""
+        """`state`, `reason` and `finished_s` of every aircraft's mission, by its ground station's last report."""
         declared = self.manifest.get("outcomes")
         if declared is not None and not self.tables.spooled:
             return dict(declared)
@@ -144,8 +144,8 @@ class RunRecord:
 def load(path: Path | str) -> RunRecord:
     """Open the run in the folder `path`.
 
-    `InputError` where it is no run's folder, was written in another format, or its manifest is damaged. A run
-    that was killed, or that runs, has what it had handed to the disk.
+    Raises `InputError` if it is not a run's folder, was written in another format, or has a damaged manifest. Of a
+    run that was killed or is running, the record contains the rows that were written.
     """
     folder = Path(path).expanduser()
     manifest = read_manifest(folder)

@@ -1,7 +1,7 @@
-"""Which columns does a run's record have, of what type, in what unit, meaning what?
+"""Schema of a run's record: the columns of each table with type, unit and meaning.
 
-One table of columns serves the writer, the reader and the documentation; every Parquet file carries the
-unit and meaning of each column as Arrow field metadata.
+The writer, the reader and the documentation use the same definitions. Every Parquet file contains the unit and
+meaning of each column as Arrow field metadata.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from dataclasses import dataclass
 import pyarrow as pa
 
 FORMAT = "skyrange.run/1"
-"""The layout of a run's folder; the number grows when an old reader could no longer read it."""
+"""The format of a run's folder; the number is raised when older readers can no longer read it."""
 
 PAYLOAD_WINDOW = 1 << 16
-"""Payloads are de-duplicated within windows: `payload_id // PAYLOAD_WINDOW` is a payload's window, windows follow
-each other, and a frame's payload lies in the newest window that had begun when the frame was recorded."""
+"""Payloads are de-duplicated within windows: `payload_id // PAYLOAD_WINDOW` is a payload's window, windows are
+consecutive, and a frame's payload lies in the newest window that had begun when the frame was recorded."""
 
 NAME = pa.string()
 """The type of names: dictionary-encoded in the files, plain strings in memory."""
 
 TEXT = pa.large_string()
-"""Placeholder that tells free text from names before `arrow_schema` makes both plain strings."""
+"""Placeholder type that distinguishes free text from names; `arrow_schema` makes both plain strings."""
 
 _TEXTS = pa.list_(pa.string())
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column: `unit` is "" for names and counts; `nullable` says that a row may have no value."""
+    """One column: `unit` is "" for names and counts; a `nullable` column may have rows without a value."""
 
     name: str
     type: pa.DataType
@@ -45,10 +45,10 @@ _I64 = pa.int64()
 _TIME = "ns since the scenario's start"
 
 _NOTES = (
-    Column("time_ns", _I64, "ns", f"when it was noted, {_TIME}"),
-    Column("kind", NAME, "", "what kind of decision or event, dotted"),
-    Column("about", NAME, "", "the vehicle, operator or endpoint it is about"),
-    Column("source", NAME, "", "the agent, engine or part that noted it"),
+    Column("time_ns", _I64, "ns", f"time of the note, {_TIME}"),
+    Column("kind", NAME, "", "kind of the decision or event, a dotted name"),
+    Column("about", NAME, "", "the vehicle, operator or endpoint that it concerns"),
+    Column("source", NAME, "", "the agent, engine or other part that noted it"),
     Column("data", TEXT, "", "details: a JSON object of scalars; not-a-number and infinities as strings"),
     Column("causes", _TEXTS, "", "ids of the frames that caused it, link|direction|sender|serial"),
 )
@@ -65,7 +65,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
         ),
         Column("east_m", _F64, "m", "position east of the origin"),
         Column("north_m", _F64, "m", "position north of the origin"),
-        Column("up_m", _F64, "m", "position of its gear above the ground"),
+        Column("up_m", _F64, "m", "height of its landing gear above the ground"),
         Column("vel_east_mps", _F64, "m/s", "velocity east"),
         Column("vel_north_mps", _F64, "m/s", "velocity north"),
         Column("vel_up_mps", _F64, "m/s", "velocity up"),
@@ -76,12 +76,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("rate_x_radps", _F64, "rad/s", "body rate about forward"),
         Column("rate_y_radps", _F64, "rad/s", "body rate about left"),
         Column("rate_z_radps", _F64, "rad/s", "body rate about up"),
-        Column("throttle", _F64, "", "mean motor command, 0 to 1; of one that is not dynamic as reported, else 0"),
-        Column("on_ground", _F64, "", "1 while it stands on the ground, else 0"),
-        Column("crashed", _F64, "", "1 once it has crashed, or is not dynamic and has collided, else 0"),
+        Column("throttle", _F64, "", "mean motor command, 0 to 1; if not dynamic, as reported or 0"),
+        Column("on_ground", _F64, "", "1 while it is on the ground, else 0"),
+        Column("crashed", _F64, "", "1 after it has crashed, or has collided while not dynamic, else 0"),
         Column("battery_v", _F64, "V", "voltage at the battery's terminals"),
         Column("battery_a", _F64, "A", "current drawn"),
-        Column("charge", _F64, "", "what is left in the battery, 0 to 1"),
+        Column("charge", _F64, "", "remaining charge of the battery, 0 to 1"),
         Column("wind_east_mps", _F64, "m/s", "the air's velocity at the aircraft, east"),
         Column("wind_north_mps", _F64, "m/s", "the air's velocity at the aircraft, north"),
         Column("wind_up_mps", _F64, "m/s", "the air's velocity at the aircraft, up"),
@@ -115,37 +115,37 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("gnss_acc_speed_mps", _F32, "m/s", "speed accuracy that the receiver claims"),
         Column("gnss_fix", _F32, "", "MAVLink GPS_FIX_TYPE: 1 no fix, 3 3D, 6 RTK fixed"),
         Column("gnss_satellites", _F32, "", "satellites used"),
-        Column("gnss_time_s", _F32, "s", "when the position was measured, of simulated time"),
+        Column("gnss_time_s", _F32, "s", "simulated time at which the position was measured"),
         Column("battery_v", _F32, "V", "voltage at the battery's terminals"),
         Column("battery_a", _F32, "A", "current drawn"),
     ),
     "receptions": (
-        Column("time_ns", _I64, "ns", f"when the reception ended, {_TIME}"),
-        Column("link", NAME, "", "the link on which the sender's radio was told what to send"),
+        Column("time_ns", _I64, "ns", f"end of the reception, {_TIME}"),
+        Column("link", NAME, "", "the rid_up link of the sender's radio"),
         Column("direction", NAME, "", "its direction: fwd"),
         Column("sender", NAME, "", "the endpoint (or tap) that truly sent the frame there"),
-        Column("serial", _I64, "", "that sender's number of the frame"),
-        Column("receiver", NAME, "", "the radio that received: a vehicle, a ground receiver or an attack's"),
-        Column("east_m", _F32, "m", "where that one was, east of the origin"),
-        Column("north_m", _F32, "m", "north of the origin"),
-        Column("up_m", _F32, "m", "above the ground"),
+        Column("serial", _I64, "", "that sender's serial number of the frame"),
+        Column("receiver", NAME, "", "the receiving radio: a vehicle, a ground receiver or an attack's radio"),
+        Column("east_m", _F32, "m", "position of the receiving radio, east of the origin"),
+        Column("north_m", _F32, "m", "the same, north of the origin"),
+        Column("up_m", _F32, "m", "the same, above the ground"),
         Column("transport", NAME, "", "bt4, bt5, wifi_beacon or wifi_nan"),
         Column("channel", _I64, "", "Wi-Fi channel or Bluetooth channel index"),
         Column("rssi_dbm", _F32, "dBm", "signal strength"),
-        Column("snir_db", _F32, "dB", "signal over noise and interference, of the frame's worst part"),
-        Column("outcome", NAME, "", "decoded, or why not: weak, collided, busy, sending, elsewhere"),
+        Column("snir_db", _F32, "dB", "signal to noise and interference ratio of the frame's worst part"),
+        Column("outcome", NAME, "", "decoded, or why it was not: weak, collided, busy, sending, elsewhere"),
     ),
     "frames": (
         Column("link", NAME, "", "link instance"),
         Column("direction", NAME, "", "fwd from the link's first end to its second, else rev"),
         Column("sender", NAME, "", "the endpoint (or tap) that truly sent it"),
-        Column("serial", _I64, "", "the sender's own count on this link and direction, from 0"),
+        Column("serial", _I64, "", "the sender's count of its frames on this link and direction, from 0"),
         Column("src", NAME, "", "the source that the frame claims"),
         Column("dst", NAME, "", "the destination that the frame claims"),
-        Column("sent_ns", _I64, "ns", f"when it was sent, {_TIME}"),
-        Column("arrived_ns", _I64, "ns", f"when it was delivered, {_TIME}; null unless it was", True),
+        Column("sent_ns", _I64, "ns", f"time of sending, {_TIME}"),
+        Column("arrived_ns", _I64, "ns", f"time of delivery, {_TIME}; null if it was not delivered", True),
         Column("fate", NAME, "", "delivered, lost, overflow, dropped, replaced or in_flight"),
-        Column("payload_id", _I64, "", "the payload, a key of the payloads table"),
+        Column("payload_id", _I64, "", "its payload, a key of the payloads table"),
         Column("size", pa.int32(), "byte", "the payload's length"),
         Column("parent", TEXT, "", "id of the frame it forwards, alters or duplicates", True),
         Column("causes", _TEXTS, "", "ids of the frames that commanded it"),
@@ -163,33 +163,38 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("action", NAME, "", "drop, delay, replace, inject, send or sensor"),
         Column("frame", TEXT, "", "id of the frame acted on or put on the link, or of an act on a sensor"),
         Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
-        Column("until_ns", _I64, "ns", f"until when a delay holds the frame, {_TIME}", True),
+        Column("until_ns", _I64, "ns", f"time until which a delay holds the frame, {_TIME}", True),
     ),
     "alerts": (
-        Column("time_ns", _I64, "ns", f"when the detector raised it, {_TIME}"),
+        Column("time_ns", _I64, "ns", f"time at which the detector raised it, {_TIME}"),
         Column("detector", NAME, "", "the detector's id"),
-        Column("kind", NAME, "", "what was found, dotted"),
-        Column("subject", NAME, "", "the vehicle, operator, endpoint or link that it is about"),
-        Column("score", _F64, "", "how strong the evidence is; what 1 means is for the detector to say"),
-        Column("at_ns", _I64, "ns", f"the moment that it is about, {_TIME}"),
+        Column("kind", NAME, "", "kind of the finding, a dotted name"),
+        Column("subject", NAME, "", "the vehicle, operator, endpoint or link that it concerns"),
+        Column("score", _F64, "", "strength of the evidence; the detector defines the meaning of 1"),
+        Column("at_ns", _I64, "ns", f"time of the observation, {_TIME}"),
         Column("data", TEXT, "", "details: a JSON object of scalars; not-a-number and infinities as strings"),
     ),
     "telemetry": (
-        Column("time_ns", _I64, "ns", f"when the ground station received it, {_TIME}"),
-        Column("operator", NAME, "", "whose ground station"),
+        Column("time_ns", _I64, "ns", f"time of reception by the ground station, {_TIME}"),
+        Column("operator", NAME, "", "the operator of the ground station"),
         Column("vehicle", NAME, "", "the aircraft at the other end of the gcs link"),
         Column("system_id", pa.int32(), "", "MAVLink system id of the sender; null for undecodable bytes", True),
-        Column("component_id", pa.int32(), "", "MAVLink component id of the sender; null likewise", True),
-        Column("message", NAME, "", "MAVLink message, BAD_DATA for undecodable bytes; then a column per field"),
+        Column("component_id", pa.int32(), "", "MAVLink component id of the sender; null for undecodable bytes", True),
+        Column(
+            "message",
+            NAME,
+            "",
+            "name of the MAVLink message, BAD_DATA for undecodable bytes; one column per field follows",
+        ),
     ),
 }
-"""Every table's columns. Truth may have more (whatever the world names), telemetry one per MAVLink field seen."""
+"""The columns of every table. Truth may have more, as the world defines; telemetry has one per MAVLink field."""
 
 OPTIONAL = frozenset({"alerts"})
-"""Tables that only some runs have: of alerts, those with detectors. Elsewhere they are read as empty."""
+"""Tables that only some runs have: `alerts`, only runs with detectors. In other runs they are read as empty."""
 
 BAD_DATA = "BAD_DATA"
-"""pymavlink's name for bytes that are no message."""
+"""pymavlink's name for bytes that are not a message."""
 
 _SUFFIXES = (
     ("_radps", "rad/s"),
@@ -209,13 +214,13 @@ _SUFFIXES = (
 
 
 def unit_of(name: str) -> str:
-    """The unit that a column's name ends in, or ""; an index (`motor_radps_2`) may follow it."""
+    """The unit by the suffix of a column's name, or ""; an index may follow the suffix (`motor_radps_2`)."""
     stem = re.sub(r"_?\d+$", "", name)
     return next((unit for suffix, unit in _SUFFIXES if stem.endswith(suffix)), "")
 
 
 def arrow_schema(table: str, columns: Sequence[Column] | None = None) -> pa.Schema:
-    """The Arrow schema of `table` as it is read; `columns` replaces the declared ones where a run has others."""
+    """The Arrow schema of `table` for readers; `columns` replaces the declared columns if a run has others."""
     fields = [
         pa.field(
             column.name,
@@ -229,22 +234,22 @@ def arrow_schema(table: str, columns: Sequence[Column] | None = None) -> pa.Sche
 
 
 def truth_columns(names: Iterable[str]) -> tuple[Column, ...]:
-    """Truth's columns for a world that names its state so, in the world's order."""
+    """The columns of truth for a world whose state variables have these names, in the world's order."""
     declared = {column.name: column for column in TABLES["truth"]}
     return TABLES["truth"][:3] + tuple(
-        declared.get(name, Column(name, _F64, unit_of(name), "as the world names it")) for name in names
+        declared.get(name, Column(name, _F64, unit_of(name), "a state variable of the world")) for name in names
     )
 
 
 def telemetry_columns(fields: Iterable[tuple[str, bool]]) -> tuple[Column, ...]:
-    """Telemetry's columns for MAVLink fields as (name, is text); a field whose name is taken gets a trailing `_`."""
+    """The columns of telemetry for MAVLink fields, given as (name, is text); a name already in use gets a `_`."""
     taken = {column.name for column in TABLES["telemetry"]}
     return TABLES["telemetry"] + tuple(
         Column(
             name + "_" if name in taken else name,
             TEXT if text else _F64,
             "",
-            "MAVLink field of that name; units in operators/fields.csv",
+            "the MAVLink field of that name; units are in operators/fields.csv",
             True,
         )
         for name, text in fields

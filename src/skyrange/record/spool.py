@@ -1,8 +1,8 @@
-"""Where do rows go while a run flies, and how are they read back if it never ended?
+"""Spool of a run in progress: Arrow IPC streams, written during the run and readable if it is killed.
 
-Each table is an Arrow IPC stream in `.spool/`, appended to in whole batches and never buffered in the
-process, so that a killed process loses only what it had not handed over. A torn last batch is ignored by
-the reader. Streams are cut into segments where a run forks: `frames-0000.arrows`, `frames-0001.arrows`, ….
+Each table is an Arrow IPC stream in `.spool/`. Whole batches are appended without buffering in the process, so a
+killed process loses only rows that it had not written yet. The reader ignores an incomplete last batch. When a run is
+forked, its streams continue in new segments: `frames-0000.arrows`, `frames-0001.arrows`, ….
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ import pyarrow as pa
 from skyrange.core.errors import ComponentError
 
 SPOOL = ".spool"
-"""The folder of a run that holds its streams."""
+"""The folder for the streams within a run's folder."""
 
 _OPTIONS = {"compression": "lz4", "emit_dictionary_deltas": True}
 
 
 def cannot_write(path: Path, error: OSError | pa.ArrowException) -> ComponentError:
-    """The error of a run whose record cannot go on: names the file, the reason and what is left."""
+    """The error for a record that cannot be continued; it names the file and the reason."""
     name = errno.errorcode.get(getattr(error, "errno", None) or 0, "")
     reason = (getattr(error, "strerror", None) or str(error)).splitlines()[0]
     return ComponentError(
         "recorder",
         f"cannot write {path}: {reason}" + (f" ({name})" if name else ""),
-        "What was recorded before is kept and can be loaded; free some space or record elsewhere",
+        "Everything recorded before is kept and can be loaded; free some space or record elsewhere",
     )
 
 
 class _Bytes:
-    """A sink that keeps what the IPC writer says since it was last emptied."""
+    """A sink for the IPC writer that collects its output until it is taken."""
 
     closed = False
 
@@ -51,10 +51,10 @@ class _Bytes:
         return self._position
 
     def flush(self) -> None:
-        """Nothing to do: `take` hands over."""
+        """Do nothing; `take` returns the data."""
 
     def close(self) -> None:
-        """Nothing to do."""
+        """Do nothing."""
 
     def take(self) -> bytes:
         whole = b"".join(self._parts)
@@ -72,23 +72,23 @@ class _Stream:
         self._writer = pa.ipc.new_stream(pa.PythonFile(self._sink, mode="w"), schema, options=_options())
 
     def append(self, batch: pa.RecordBatch) -> int:
-        """Hand a batch to the operating system whole; returns its size in bytes."""
+        """Write a whole batch to the operating system; returns its size in bytes."""
         self._writer.write_batch(batch)
-        return self._hand_over()
+        return self._write_out()
 
     def close(self) -> None:
-        """Write the end-of-stream mark and close."""
+        """Write the end-of-stream marker and close the file."""
         try:
             self._writer.close()
-            self._hand_over()
+            self._write_out()
         finally:
             self._file.close()
 
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file without an end-of-stream marker."""
         self._file.close()
 
-    def _hand_over(self) -> int:
+    def _write_out(self) -> int:
         data = self._sink.take()
         rest = memoryview(data)
         while rest:
@@ -101,17 +101,17 @@ def _options() -> pa.ipc.IpcWriteOptions:
 
 
 class Spool:
-    """The streams of one run, opened as their first rows come."""
+    """The streams of one run; each is opened with its first rows."""
 
     def __init__(self, folder: Path, segment: int = 0) -> None:
-        """`folder` is the run's, made by `folder.make_folder`; `segment` numbers the files that this object writes."""
+        """`folder` is the run's, created by `folder.make_folder`; `segment` numbers the files written."""
         self.folder = folder
         self.segment = segment
         self.size_bytes = 0
         self._streams: dict[str, _Stream] = {}
 
     def append(self, table: str, batch: pa.RecordBatch) -> None:
-        """Append rows to `table`; `ComponentError` where the disk refuses, after which the spool is closed."""
+        """Append rows to `table`; raises `ComponentError` and closes the spool if writing fails."""
         path = self.folder / SPOOL / f"{table}-{self.segment:04d}.arrows"
         try:
             stream = self._streams.get(table)
@@ -125,7 +125,7 @@ class Spool:
             raise cannot_write(path, error) from error
 
     def end_segment(self) -> None:
-        """Close all streams; rows to come go into new files. `ComponentError` where the disk refuses."""
+        """Close all streams; later rows go to new files. Raises `ComponentError` if writing fails."""
         streams, self._streams = self._streams, {}
         self.segment += 1
         for stream in streams.values():
@@ -136,7 +136,7 @@ class Spool:
 
 
 def read_stream(path: Path) -> Iterator[pa.RecordBatch]:
-    """The whole batches at the start of a stream; ends silently where it is torn or still being written."""
+    """The complete batches of a stream; ends silently at an incomplete one, left by a crash or still being written."""
     with pa.OSFile(str(path)) as source:
         try:
             reader = pa.ipc.open_stream(source)
@@ -152,6 +152,6 @@ def read_stream(path: Path) -> Iterator[pa.RecordBatch]:
 
 
 def read_spool(folder: Path, table: str) -> Iterator[pa.RecordBatch]:
-    """All of a table's batches in a run's spool, in the order in which they were recorded."""
+    """All batches of a table in a run's spool, in the order recorded."""
     for path in sorted((folder / SPOOL).glob(f"{table}-*.arrows")):
         yield from read_stream(path)

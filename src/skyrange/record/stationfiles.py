@@ -1,10 +1,10 @@
-"""What files does an operator take home? One CSV of all data received, one tlog per MAVLink network of both directions.
+"""Files for operators: a CSV file of all data received, and tlogs of both directions, one per MAVLink network.
 
-The CSV has a row per message and the union of the fields of all its messages as columns, empty where a
-message has no such field; `fields.csv` beside it gives every field's unit. A tlog is what QGroundControl,
-Mission Planner and MAVProxy write: before each frame, 8 bytes, big endian, microseconds of UTC (QGroundControl
-developer guide, "MAVLink log format"). Its readers tell aircraft apart by system id alone, so each of an operator's
-networks has a file of its own: `blue.tlog`, `blue.net1.tlog`, …
+The CSV file has one row per message. Its columns are the union of the fields of all messages; a cell is empty if the
+message has no such field. `fields.csv` gives the unit of every field. A tlog has the format of QGroundControl, Mission
+Planner and MAVProxy: before each frame, 8 bytes, big endian, microseconds of UTC (QGroundControl developer guide,
+"MAVLink log format"). Readers of tlogs distinguish aircraft by system id alone, so each of an operator's networks has
+a file of its own: `blue.tlog`, `blue.net1.tlog`, …
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _STAMP_BYTES = 8
 
 @kernel
 def _interleave(stamps: NDArray[np.uint64], data: Bytes, starts: Ints, sizes: Ints, out: Bytes) -> None:
-    """Each payload with its time before it, most significant byte first."""
+    """Write each payload to `out`, preceded by its time, most significant byte first."""
     at = 0
     for row in range(starts.shape[0]):
         for byte in range(8):
@@ -46,14 +46,14 @@ def _interleave(stamps: NDArray[np.uint64], data: Bytes, starts: Ints, sizes: In
 
 
 class StationFiles:
-    """The CSV and tlogs of every operator, open for writing; a context manager."""
+    """The CSV file and tlogs of every operator, open for writing; a context manager."""
 
     def __init__(
         self, folder: Path, operators: Sequence[str], found: Survey, epoch: Epoch, networks: Mapping[str, int]
     ) -> None:
-        """Files go into `folder`; `networks` tells in which MAVLink network of its operator each vehicle is.
+        """The files are created in `folder`; `networks` is the MAVLink network number of each vehicle.
 
-        `OSError` where a file cannot be made.
+        Raises `OSError` if a file cannot be created.
         """
         self._folder = folder
         self._epoch = epoch
@@ -85,7 +85,7 @@ class StationFiles:
             self._tlog[operator, network] = self._open_files.enter_context((self._folder / name).open("wb"))
 
     def received(self, block: Received) -> None:
-        """Lines of CSV."""
+        """Write the received messages to the CSV files."""
         names, number = block.block.operators()
         number = number[block.rows]
         for place, operator in enumerate(names):
@@ -119,7 +119,7 @@ class StationFiles:
             else:
                 column = pa.array(values[chosen], mask=absent[chosen])
             columns.append(column)
-        # RFC 4180 section 2: quoted where a cell holds a comma, a quote or a line's end
+        # RFC 4180 section 2: a cell is quoted if it contains a comma, a quote or a line break
         style = "none" if plain else "needed"
         table = pa.Table.from_arrays(columns, names=[str(number) for number in range(len(columns))])
         csv.write_csv(table, self._csv[operator], csv.WriteOptions(include_header=False, quoting_style=style))
@@ -130,7 +130,7 @@ class StationFiles:
         return [f"{text}Z" for text in np.datetime_as_string(millis.astype("datetime64[ms]")).tolist()]
 
     def heard(self, block: Seen) -> None:
-        """Frames of tlog, sent or received; bytes that are no frame are left out, as its readers would stumble."""
+        """Write the frames sent and received to the tlogs, without bytes that are not a frame."""
         owner = [(operator_of(vehicle), self._networks.get(vehicle, 0)) for vehicle in block.owners]
         for key in set(owner) & set(self._tlog):
             mine = np.array([one == key for one in owner])[block.owner] & (block.kinds >= 0)

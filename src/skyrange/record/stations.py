@@ -1,7 +1,7 @@
-"""What did each ground station receive and send? Columns of it, derived from the frames on `gcs` links.
+"""Frames that each ground station received and sent, as columns derived from the frames on `gcs` links.
 
-A `gcs` link's first end is the ground station: frames delivered in direction `rev` are what it received,
-frames that `<operator>.gcs` itself sent in direction `fwd` are what it sent, whatever became of them.
+The ground station is the first end of a `gcs` link. It received the frames delivered in direction `rev`, and it sent
+the frames whose sender in direction `fwd` is `<operator>.gcs`, whether or not they were delivered.
 """
 
 from __future__ import annotations
@@ -28,42 +28,42 @@ _COLUMNS = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns", "f
 _KIND = "gcs:"
 
 BLOCK_ROWS = 16_384
-"""Frames handled at once."""
+"""Number of frames processed at once."""
 
 
 @dataclass(slots=True)
 class Seen:
-    """Frames at ground stations, a row each, in order of time."""
+    """Frames at ground stations, one row each, in order of time."""
 
     time_ns: Ints
     owners: list[str]
-    """Vehicles; `owner` numbers them."""
+    """Vehicle ids, indexed by `owner`."""
     owner: Ints
     received: NDArray[np.bool_]
     payloads: Payloads
     kinds: Ints
-    """The message of each (`codec.columns.sort`), -1 where it is none."""
+    """The message kind of each row (`codec.columns.sort`), -1 for bytes that are not a message."""
     singles: dict[int, tuple[int, int, int, bytes]] = field(default_factory=dict)
-    """Rows that only `decode` can read (MAVLink 1): sequence, system, component, whole payload."""
+    """Rows that only `decode` can read (MAVLink 1): sequence, system, component, complete payload."""
 
     def __len__(self) -> int:
         return len(self.time_ns)
 
     def operators(self) -> tuple[list[str], Ints]:
-        """The operators, and the number of each row's."""
+        """The operators, and the index of each row's operator."""
         names = sorted({operator_of(owner) for owner in self.owners})
         number = np.array([names.index(operator_of(owner)) for owner in self.owners], dtype=np.int64)
         return names, number[self.owner]
 
     def groups(self, chosen: NDArray[np.bool_]) -> Iterator[Group]:
-        """The messages of some rows, by id."""
+        """The messages of the `chosen` rows, grouped by message id."""
         for kind in np.unique(self.kinds[chosen]).tolist():
             if kind < 0:
                 continue
             rows = np.flatnonzero((self.kinds == kind) & chosen)
-            odd = [place for place, row in enumerate(rows.tolist()) if row in self.singles] if self.singles else []
+            singles = [place for place, row in enumerate(rows.tolist()) if row in self.singles] if self.singles else []
             found = group(self.payloads, kind, rows)
-            for place in odd:
+            for place in singles:
                 sequence, system, component, body = self.singles[int(rows[place])]
                 found.sequences[place], found.systems[place], found.components[place] = sequence, system, component
                 found.values[place] = np.frombuffer(body, dtype=dtype_of(found.message_id))[0]
@@ -71,7 +71,7 @@ class Seen:
 
 
 def _station_frames(tables: Tables) -> Iterator[pa.Table]:
-    """Batches of (time_ns, vehicle, received, payload) with the rest of the frame's identity, as recorded."""
+    """Batches of (time_ns, vehicle, received, payload) and the frame's identity, in the order recorded."""
     for batch in tables.frames_with_payloads(_COLUMNS):
         batch = batch.filter(pc.starts_with(batch.column("link"), _KIND))
         links = batch.column("link").combine_chunks().dictionary_encode()
@@ -96,7 +96,7 @@ def _station_frames(tables: Tables) -> Iterator[pa.Table]:
         yield rows.filter(pc.or_(received, sent))
 
 
-def _seen(rows: pa.Table) -> Seen:
+def _decode_frames(rows: pa.Table) -> Seen:
     vehicles = rows.column("vehicle").combine_chunks().dictionary_encode()
     if isinstance(vehicles, pa.ChunkedArray):
         vehicles = vehicles.combine_chunks()
@@ -121,7 +121,7 @@ def _seen(rows: pa.Table) -> Seen:
 
 
 def payload_column(column: pa.ChunkedArray) -> Payloads:
-    """A binary column without nulls, where it lies."""
+    """A binary column without nulls as payloads, without copying."""
     if not len(column):
         return Payloads.of([])
     whole = column.chunk(0) if column.num_chunks == 1 else pa.concat_arrays(column.chunks)
@@ -133,14 +133,14 @@ def payload_column(column: pa.ChunkedArray) -> Payloads:
 
 @dataclass(slots=True)
 class Survey:
-    """Which messages each operator's ground station received: operator → message ids."""
+    """The messages that each operator's ground station received: operator → message ids."""
 
     operators: dict[str, set[int]] = field(default_factory=dict)
 
     def cells(self, operator: str | None = None) -> dict[str, str]:
-        """Column → "int", "float" or "text", by name of message, then as each message lists them.
+        """Column → "int", "float" or "text", ordered by message name and then as each message lists its fields.
 
-        A column that is text in one message and a number in another is text; one that is a float in any is a float.
+        A column that is text in one message and a number in another is text; a column that is float in any is float.
         """
         ids = self.operators.get(operator, set()) if operator is not None else set().union(*self.operators.values())
         union: dict[str, str] = {}
@@ -150,7 +150,7 @@ class Survey:
         return union
 
     def units(self) -> dict[tuple[str, str], str]:
-        """The dialect's unit by (message, column)."""
+        """The units that the dialect declares, by (message, column)."""
         return {
             (name_of(message_id), cell.name): LAYOUTS[message_id].cls.fieldunits_by_name.get(cell.field, "")
             for message_id in set().union(*self.operators.values())
@@ -162,15 +162,15 @@ _RANK = {"int": 0, "float": 1, "text": 2}
 
 
 def name_of(message_id: int) -> str:
-    """A message's name."""
+    """The name of a message."""
     return str(LAYOUTS[message_id].cls.msgname)
 
 
 def survey(tables: Tables) -> Survey:
-    """One reading of all frames: which messages there are."""
+    """Determine the messages that occur, in one pass over all frames."""
     found = Survey()
     for batch in _station_frames(tables):
-        block = _seen(batch.filter(batch.column("received")))
+        block = _decode_frames(batch.filter(batch.column("received")))
         names, number = block.operators()
         for operator, name in enumerate(names):
             kinds = np.unique(block.kinds[(number == operator) & (block.kinds >= 0)])
@@ -180,25 +180,25 @@ def survey(tables: Tables) -> Survey:
 
 
 def seen(tables: Tables) -> Iterator[Seen]:
-    """Blocks of what the ground stations received and sent, in order of time, then of link, direction and frame."""
+    """Blocks of frames received and sent by ground stations, in order of time, then of link, direction and frame."""
     for ordered in in_order(lambda: _station_frames(tables), "time_ns", ("link", "direction", "sender", "serial")):
         for start in range(0, ordered.num_rows, BLOCK_ROWS):
-            yield _seen(ordered.slice(start, BLOCK_ROWS))
+            yield _decode_frames(ordered.slice(start, BLOCK_ROWS))
 
 
 def text_of(raw: bytes) -> str:
-    """A text field as pymavlink reads it: up to the first zero byte, what is no ASCII replaced."""
+    """A text field as pymavlink reads it: up to the first zero byte, with non-ASCII bytes replaced."""
     return raw.split(b"\0", 1)[0].decode("ascii", "replace")
 
 
 def numbers(found: Group, cell: Cell) -> NDArray[np.float64]:
-    """One numeric column of a group."""
+    """One numeric column of a group of messages."""
     column = found.values[cell.field]
     picked: NDArray[np.float64] = (column if cell.element is None else column[:, cell.element]).astype(np.float64)
     return picked
 
 
 def texts(found: Group, cell: Cell) -> list[str]:
-    """One column of a group as text."""
+    """One column of a group of messages as text."""
     column = found.values[cell.field] if cell.element is None else found.values[cell.field][:, cell.element]
     return [text_of(value) if isinstance(value, bytes) else str(value) for value in column.tolist()]

@@ -1,4 +1,4 @@
-"""Where are a run's rows now, in its spool or in its Parquet files? One way to read both."""
+"""Reading of a run's tables, from its spool or from its Parquet files."""
 
 from __future__ import annotations
 
@@ -18,44 +18,44 @@ from skyrange.record.schema import NAME, PAYLOAD_WINDOW, TABLES, TEXT, Column, a
 from skyrange.record.spool import read_spool
 
 BATCH_ROWS = 65_536
-"""Rows read at once from a Parquet file."""
+"""Number of rows read at once from a Parquet file."""
 
 
 def readable(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
-    """A spooled batch with its names as plain strings, parents' ids in one piece, and the schema's metadata."""
+    """A spooled batch in the form for readers: names as plain strings, parents' ids joined, metadata of the schema."""
     spooled = batch.schema.names
     arrays = [
-        batch.column(field.name).cast(field.type) if field.name in spooled else _PIECED[field.name](batch)
+        batch.column(field.name).cast(field.type) if field.name in spooled else _JOINED[field.name](batch)
         for field in schema
     ]
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
 
 
-def _parents(batch: pa.RecordBatch) -> pa.Array:
-    """Ids as `FrameId` spells them, the serial last; null where there is no parent."""
+def _join_parent_ids(batch: pa.RecordBatch) -> pa.Array:
+    """Ids in the text form of `FrameId`, which ends with the serial; null without a parent."""
     before = batch.column("parent_before").cast(pa.string())
     return pc.binary_join_element_wise(before, batch.column("parent_serial").cast(pa.string()), "")
 
 
-_PIECED = {"parent": _parents}
-"""Columns that a spool keeps in parts, since strings by the thousand cost more than the flight."""
+_JOINED = {"parent": _join_parent_ids}
+"""Columns that the spool stores in parts, because building a string per frame would cost more than the flight."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """The recorded tables of one run; `spooled` says which of the two homes they are read from.
+    """The recorded tables of one run, read from its spool if `spooled`, else from its Parquet files.
 
-    `telemetry` is recorded in neither: it is derived (see `skyrange.record.stations`), and kept in Parquet.
+    `telemetry` is not recorded but derived from frames (`skyrange.record.stations`) and stored as Parquet.
     """
 
     folder: Path
     spooled: bool
 
     def schema(self, name: str) -> pa.Schema:
-        """The schema of a table as this run has it."""
+        """The schema of a table in this run."""
         if not self.spooled:
             path = self._parquet(name)
-            with self._blaming(path):
+            with self._name_damaged_file(path):
                 return pq.read_schema(path) if path.exists() else arrow_schema(name)
         if name == "truth":
             for batch in read_spool(self.folder, name):
@@ -63,7 +63,7 @@ class Tables:
         return arrow_schema(name)
 
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """The rows in the order in which they were recorded; all columns, or those named and in that order."""
+        """The rows in the order recorded, with all columns or with `columns` in that order."""
         schema = self.schema(name)
         if columns is not None:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
@@ -74,29 +74,30 @@ class Tables:
         path = self._parquet(name)
         if not path.exists():
             return
-        with self._blaming(path), pq.ParquetFile(path) as file:
+        with self._name_damaged_file(path), pq.ParquetFile(path) as file:
             for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
                 yield readable(batch, schema)
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-        """The whole table in memory."""
+        """The whole table, in memory."""
         schema = self.schema(name)
         if columns is not None:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
         return pa.Table.from_batches(self.batches(name, columns), schema=schema)
 
     def rows(self, name: str) -> int:
-        """How many rows the table has."""
+        """Number of rows of the table."""
         path = self._parquet(name)
         if not self.spooled:
-            with self._blaming(path):
+            with self._name_damaged_file(path):
                 return int(pq.read_metadata(path).num_rows) if path.exists() else 0
         return sum(batch.num_rows for batch in read_spool(self.folder, name))
 
     def frames_with_payloads(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Batches of frames in recorded order with one more column, `payload`; memory holds two windows at most.
+        """Batches of frames in the order recorded, with the additional column `payload`.
 
-        A record that lost payloads (its file system was torn) ends with the last frame before the gap.
+        Memory holds at most two windows of payloads. If payloads are missing, because the file system lost data, the
+        frames end with the last one before the gap.
         """
         wanted = None if columns is None else list(dict.fromkeys([*columns, "payload_id"]))
         window = _PayloadWindow(self.batches("payloads"))
@@ -111,20 +112,20 @@ class Tables:
                 return
 
     @contextmanager
-    def _blaming(self, path: Path) -> Iterator[None]:
-        """Turn what is wrong with a Parquet file into an `InputError` that names it."""
+    def _name_damaged_file(self, path: Path) -> Iterator[None]:
+        """Turn an error in reading a Parquet file into an `InputError` that names the file."""
         try:
             yield
         except (pa.ArrowException, OSError) as error:
             reason = str(error).splitlines()[0]
-            raise InputError.one(str(self.folder), path.name, reason, "a whole Parquet file") from error
+            raise InputError.one(str(self.folder), path.name, reason, "a complete Parquet file") from error
 
     def _parquet(self, name: str) -> Path:
-        return (self.folder / f"{name}.parquet").absolute()  # a relative name with a colon would be a URI to Arrow
+        return (self.folder / f"{name}.parquet").absolute()  # Arrow reads a relative name with a colon as a URI
 
 
 class _PayloadWindow:
-    """The stretch of the payloads that frames being read may refer to, moving forward."""
+    """The payloads that the frames being read may refer to; the window moves forward with the frames."""
 
     def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
         self._batches = batches
@@ -132,7 +133,7 @@ class _PayloadWindow:
         self._last = -1
 
     def take(self, ids: NDArray[np.int64]) -> pa.Array:
-        """The payloads of `ids`, fewer from the first that is missing."""
+        """The payloads of `ids` up to the first that is missing."""
         if not len(ids):
             return pa.array([], pa.binary())
         newest = int(ids.max())
@@ -150,14 +151,14 @@ class _PayloadWindow:
         places = np.minimum(np.searchsorted(known, ids), len(known) - 1)
         missing = np.flatnonzero(known[places] != ids)
         places = places[: missing[0]] if len(missing) else places
-        start = newest - newest % PAYLOAD_WINDOW  # no later frame refers to an earlier window than the newest's
+        start = newest - newest % PAYLOAD_WINDOW  # later frames do not refer to earlier windows
         self._held = [batch for batch in self._held if batch.column("payload_id")[-1].as_py() >= start]
         column = held.column("payload").take(pa.array(places))
         return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
 
 
 def concat(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
-    """Batches gathered into tables of at least `rows` rows (the last may have fewer)."""
+    """Batches combined into tables of at least `rows` rows; the last may have fewer."""
     held: list[pa.RecordBatch] = []
     count = 0
     for batch in batches:
@@ -171,7 +172,7 @@ def concat(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
 
 
 def encodings(schema: pa.Schema) -> dict[str, object]:
-    """How a table's columns are laid out in Parquet: names by dictionary, integers by delta, floats by byte plane."""
+    """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position."""
     names = [field.name for field in schema if _column(schema, field.name).type == NAME]
     layout: dict[str, str] = {}
     for field in schema:
@@ -190,7 +191,7 @@ def encodings(schema: pa.Schema) -> dict[str, object]:
 
 
 def _column(schema: pa.Schema, name: str) -> Column:
-    """What is declared of a column; one that a run added counts as free text where it is a string."""
+    """The declaration of a column; a string column that is not declared counts as free text."""
     table = (schema.metadata or {}).get(b"skyrange.table", b"").decode()
     found = {column.name: column for column in TABLES.get(table, ())}
     return found.get(name, Column(name, TEXT, "", ""))

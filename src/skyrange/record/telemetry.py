@@ -1,4 +1,4 @@
-"""How does what was received become the `telemetry` table? A column per MAVLink field, filled group by group."""
+"""The `telemetry` table, derived from received frames: one column per MAVLink field, filled message by message."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from skyrange.record.tables import Tables
 
 
 class Received:
-    """The received rows of a block as columns: names, and by field the values and where there are any."""
+    """The received rows of a block as columns: message names, and by field the values and a mask of absent ones."""
 
     def __init__(self, block: Seen, kinds: dict[str, str]) -> None:
-        """`kinds` tells of each column whether it is text."""
+        """`kinds` gives the type of each column: "int", "float" or "text"."""
         self.rows = np.flatnonzero(block.received)
         count = len(self.rows)
         place = np.cumsum(block.received) - 1
@@ -44,19 +44,19 @@ class Received:
                 absent[places] = False
 
     def vehicles(self) -> pa.Array:
-        """The vehicle of each row."""
+        """The vehicle id of each row."""
         return pa.array(self.block.owners, pa.string()).take(pa.array(self.block.owner[self.rows]))
 
     def names(self) -> pa.Array:
-        """The message of each row."""
+        """The message name of each row."""
         return pa.array(self.messages, pa.string()).take(pa.array(self.message))
 
 
 class TelemetryBuilder:
-    """Makes `telemetry` rows of what was received, under the columns that a survey found."""
+    """Builds rows of `telemetry` with the columns that a survey of the messages found."""
 
     def __init__(self, found: Survey) -> None:
-        """The schema holds the fields of all operators."""
+        """The schema contains the fields of all operators."""
         self.kinds = found.cells()
         fields = [(name, kind == "text") for name, kind in self.kinds.items()]
         columns = telemetry_columns(fields)
@@ -88,7 +88,7 @@ class TelemetryBuilder:
 
 
 def telemetry(tables: Tables) -> pa.Table:
-    """The whole `telemetry` table, derived now: for a run that never came to its end."""
+    """The whole `telemetry` table, derived now, for a run that did not end."""
     builder = TelemetryBuilder(survey(tables))
     batches = (builder.batch(Received(block, builder.kinds)) for block in seen(tables))
     return pa.Table.from_batches(batches, schema=builder.schema)

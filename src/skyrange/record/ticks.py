@@ -1,4 +1,4 @@
-"""How do truth and sensors become columns? Ticks of the world into Arrow batches and rows of hash words."""
+"""Encoding of truth and sensors, tick by tick, into Arrow batches and rows of hash words."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TruthTick(NamedTuple):
 
 
 class SensorTick(NamedTuple):
-    """The sensors at one tick: `values` is (n, 29) in the order of the table's columns."""
+    """The sensors at one tick: `values` is (n, 29) in the order of the `sensors` table's columns."""
 
     time_ns: Time
     vehicles: tuple[str, ...]
@@ -59,7 +59,7 @@ def sensor_values(sensors: Sensors) -> NDArray[np.float32]:
 
 
 def truth_batch(ticks: Sequence[TruthTick]) -> pa.RecordBatch:
-    """Rows of truth, tick by tick; all ticks have the first one's columns."""
+    """Rows of truth, tick by tick; all ticks must have the columns of the first."""
     arrays = [_times(ticks), _names([tick.vehicles for tick in ticks]), _names([tick.sources for tick in ticks])]
     names = list(ticks[0].columns)
     arrays += [pa.array(_column(ticks, name)) for name in names]
@@ -67,7 +67,7 @@ def truth_batch(ticks: Sequence[TruthTick]) -> pa.RecordBatch:
 
 
 def ticks_of(batch: pa.RecordBatch) -> list[TruthTick]:
-    """The ticks of which rows of truth were made, rows of one time being one tick; `batch` has at least one row."""
+    """Rows of truth split into ticks by their time; `batch` must have at least one row."""
     times = batch.column("time_ns").to_numpy()
     bounds = [0, *(np.flatnonzero(np.diff(times)) + 1).tolist(), len(times)]
     vehicles, sources = batch.column("vehicle").to_pylist(), batch.column("source").to_pylist()
@@ -92,9 +92,9 @@ def sensor_batch(ticks: Sequence[SensorTick]) -> pa.RecordBatch:
 
 
 def truth_words(ticks: Sequence[TruthTick]) -> Words:
-    """The digest's words, (rows, 4 + columns): time, vehicle, source, names, and every column's bits.
+    """The digest's words, (rows, 4 + columns): time, vehicle, source, names, and the bits of every column.
 
-    Columns are taken in order of name, so that a world may list them as it likes.
+    Columns are in order of name, so that the digest does not depend on the world's order.
     """
     names = sorted(ticks[0].columns)
     rows = sum(len(tick.vehicles) for tick in ticks)
@@ -131,7 +131,7 @@ def _hashes(names: tuple[str, ...]) -> NDArray[np.uint64]:
 
 
 def _per_tick(ticks: Sequence[tuple[str, ...]], of: Callable[[tuple[str, ...]], NDArray[Any]]) -> list[NDArray[Any]]:
-    """What `of` makes of each tick's names, asked once for those that follow each other unaltered: mostly all."""
+    """`of` applied to each tick's names; consecutive equal names, the usual case, are computed only once."""
     found: list[NDArray[Any]] = []
     for at, names in enumerate(ticks):
         found.append(found[-1] if at > 0 and names == ticks[at - 1] else of(names))

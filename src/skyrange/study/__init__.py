@@ -1,1 +1,1 @@
-"""Look at runs after they flew: compare them, measure, draw and report."""
+"""Studies of runs: running and pairing scenarios, measures, comparisons, figures, reports and exports."""

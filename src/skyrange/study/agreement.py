@@ -1,7 +1,7 @@
-"""Do two runs tell the same within a tolerance in time, and where not, what came when, or in one of them alone?
+"""Comparison of two runs within a tolerance in time, for runs that cannot repeat to the byte.
 
-For runs that cannot repeat to the byte: live ones, and those on programs that keep their own time. Events and decisions
-are compared, outcomes, and the ways that were flown.
+These are live runs, and runs with programs that keep their own time. Events, decisions, outcomes and flown paths are
+compared.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from skyrange.study.effects import Ticks, departures, ticks_of
 from skyrange.study.series import vehicles
 
 Key = tuple[str, str, str, str, str]
-"""Table, kind, about, source, and the details that are text, truth values or whole numbers, as JSON."""
+"""Table, kind, about, source, and as JSON the details that are text, Boolean values or whole numbers."""
 
-_RUNNING = "count"
-"""A detail that numbers what came so far: one more at the start would be another number in all that follow."""
+_COUNTER = "count"
+"""A detail that is a running count: one additional note at the start would change it in all later notes."""
 _SHOWN = 20
 
 
 @dataclass(frozen=True, slots=True)
 class Odd:
-    """Something noted that has no counterpart within the tolerance: `a_s` and `b_s` say when it was, `None` never."""
+    """A note without a counterpart within the tolerance; `a_s` and `b_s` are its times, `None` if a run lacks it."""
 
     table: str
     kind: str
@@ -50,28 +50,28 @@ class Odd:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """All notes of one kind: how many have a counterpart, and how far in time those are apart, a's minus b's, in s."""
+    """The notes of one kind: how many have a counterpart, and the time differences, a's minus b's, in s."""
 
     found: int
     median_s: float
-    """Of the amounts."""
+    """Median of the absolute differences."""
     least_s: float
     most_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """How far apart an aircraft flew in the two runs at most, in m."""
+    """Largest distances in m between an aircraft's positions in the two runs."""
 
     apart_m: float
-    """At the same moment."""
+    """At the same time."""
     off_m: float
-    """From where it was in b at any moment within the tolerance: what remains if one was merely late."""
+    """From the path in b within the tolerance in time: the deviation that a mere delay does not explain."""
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How two runs agree. `a` and `b` are their folders; what came after `until_s`, the shorter's end, is left out."""
+    """How two runs agree. `a` and `b` are their folders; the comparison ends at `until_s`, the shorter run's end."""
 
     a: str
     b: str
@@ -79,19 +79,19 @@ class Agreement:
     until_s: float
     kinds: Mapping[str, Kind]
     odd: Sequence[Odd]
-    """Ordered by time."""
+    """In order of time."""
     outcomes: Mapping[str, tuple[Any, Any]]
-    """By aircraft, where state or reason differ."""
+    """By aircraft, if state or reason differ."""
     ways: Mapping[str, Way]
-    """By aircraft; empty where the fleets are not the same."""
+    """By aircraft; empty if the fleets differ."""
 
     @property
     def agree(self) -> bool:
-        """Whether everything that was noted has its counterpart, and every mission its outcome."""
+        """Whether every note has a counterpart and all outcomes agree."""
         return not self.odd and not self.outcomes
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON's values."""
+        """The result as JSON values."""
         return {**asdict(self), "agree": self.agree}
 
     def __str__(self) -> str:
@@ -114,12 +114,12 @@ class Agreement:
 
 
 def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s: float) -> Agreement:
-    """Compare two runs; `InputError` for a folder that holds none, or a tolerance that is no time.
+    """Compare two runs; raises `InputError` for a folder that is not a run's and for an invalid tolerance.
 
-    Notes are counterparts if they are of one kind, about the same, by the same source, with the same text, truth values
-    and whole numbers among their details (measures and running counts differ), and were noted within `tolerance_s`.
-    What has none is paired in order with the next of its like, and is odd. The last `tolerance_s` of the shorter run
-    may lack what comes a little later.
+    Two notes are counterparts if they have the same kind, subject and source, the same text, Boolean values and whole
+    numbers among their details (measured values and running counts may differ), and times at most `tolerance_s` apart.
+    A note without a counterpart is unmatched; it is listed with the next such note of the other run, if there is one.
+    Notes missing in the last `tolerance_s` of the shorter run are ignored, since they may have come just after its end.
     """
     if not 0.0 < tolerance_s < 3600.0:
         raise InputError.one("diff", "tolerance", f"{tolerance_s:g}", "seconds, more than 0 and less than 3600")
@@ -150,13 +150,13 @@ def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s:
 
 
 def _noted(run: RunRecord, until_ns: int) -> dict[Key, list[int]]:
-    """When everything was noted, in order."""
+    """The times of all notes by key, in ascending order."""
     found: dict[Key, list[int]] = {}
     for table in ("events", "decisions"):
         for row in run.table(table, ["time_ns", "kind", "about", "source", "data"]).to_pylist():
             if row["time_ns"] <= until_ns:
                 data = json.loads(row["data"]).items()
-                whole = {name: value for name, value in data if not isinstance(value, float) and name != _RUNNING}
+                whole = {name: value for name, value in data if not isinstance(value, float) and name != _COUNTER}
                 details = json.dumps(whole, sort_keys=True, ensure_ascii=False)
                 found.setdefault((table, row["kind"], row["about"], row["source"], details), []).append(row["time_ns"])
     for times in found.values():
@@ -165,7 +165,7 @@ def _noted(run: RunRecord, until_ns: int) -> dict[Key, list[int]]:
 
 
 def _paired(a: Sequence[int], b: Sequence[int], tolerance_ns: int) -> Iterator[tuple[int | None, int | None]]:
-    """Counterparts within the tolerance, then what is left in order, then those that have none."""
+    """Counterparts within the tolerance, then the remaining notes paired in order, then those left over."""
     left: tuple[list[int], list[int]] = [], []
     i = j = 0
     while i < len(a) and j < len(b):
@@ -191,7 +191,7 @@ def _kind(apart_s: Sequence[float]) -> Kind:
 
 
 def _outcomes(a: RunRecord, b: RunRecord, until_s: float) -> dict[str, tuple[Any, Any]]:
-    """Those that differ in more than their time; one that came after the shorter's end counts as none."""
+    """Outcomes that differ in more than their time; one after the shorter run's end counts as unfinished."""
     found = {}
     for vehicle in sorted({*a.outcomes, *b.outcomes}):
         mine, other = (_until(run.outcomes.get(vehicle), until_s) for run in (a, b))
@@ -221,9 +221,9 @@ def _ways(a: RunRecord, b: RunRecord, tolerance_s: float) -> dict[str, Way]:
 
 
 def _off_m(a: Ticks, b: Ticks, tolerance_s: float) -> NDArray[np.float64]:
-    """(n,) the most that each aircraft was off the line that it flew in b within the tolerance of that moment.
+    """(n,) the largest distance of each aircraft from the part of its path in b within the tolerance in time.
 
-    Where that much of the line is missing, at both ends, is left out.
+    Times near either end, for which that part of the path is incomplete, are left out.
     """
     _, mine, other = np.intersect1d(a.time_ns, b.time_ns, assume_unique=True, return_indices=True)
     if len(mine) < 2:

@@ -1,8 +1,8 @@
-"""Are two runs the same, and if not, where do they first part?
+"""Exact comparison of two runs: the first difference in each table.
 
 Rows are compared in an order that does not depend on how they were recorded: frames by time of sending, link,
-direction, sender and serial, truth by time and vehicle. Both runs are read once, in step, never whole; positions, where
-truth differs, once more.
+direction, sender and serial, truth by time and vehicle. Both runs are read once, in parallel, with bounded memory. If
+truth differs, positions are read a second time.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "decisions": ("time_ns", "about", "source", "kind", "data"),
     "labels": ("at_ns", "attack", "actor", "action", "frame"),
 }
-"""The tables that are compared row by row, with what orders and identifies their rows: first a time in ns."""
+"""The tables that are compared row by row, with the columns that order and identify rows, first a time in ns."""
 
 _COUNTED = [name for name in TABLES if name not in ("telemetry", "payloads")]
-"""Telemetry and payloads follow from the frames; how payloads were de-duplicated is no difference."""
+"""Telemetry and payloads are left out: they follow from the frames, however payloads were de-duplicated."""
 
 
 @dataclass(frozen=True, slots=True)
 class RowDifference:
     """The first row of one table in which two runs differ.
 
-    `only_in` is "a" or "b" where the other has no such row, else `columns` has (a's value, b's) of each column
-    that differs. Values are JSON's; bytes are hexadecimal.
+    `only_in` is "a" or "b" if the other run has no such row; otherwise `columns` has (a's value, b's value) of each
+    column that differs. Values are JSON values; bytes are hexadecimal.
     """
 
     table: str
@@ -63,7 +63,7 @@ class RowDifference:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How two runs compare. `a` and `b` are their folders, `statuses` how each ended; pairs are (a's, b's)."""
+    """The result of a comparison. `a` and `b` are the folders, `statuses` how each run ended; pairs are (a's, b's)."""
 
     a: str
     b: str
@@ -76,21 +76,21 @@ class Difference:
     columns: Mapping[str, tuple[list[str], list[str]]]
     numeric: tuple[str | None, str | None]
     apart: Mapping[str, tuple[float, float | None]]
-    """By aircraft, how far it was at most in one run from where it was in the other at that moment, in metres, and when
-    that was first more than `DEPARTED_M`, in seconds; empty where truth is the same or the fleets are not."""
+    """By aircraft, the largest distance in metres between its positions in the two runs at the same time, and when in
+    seconds it first exceeded `DEPARTED_M`; empty if truth is the same or the fleets differ."""
 
     @property
     def first_frame(self) -> RowDifference | None:
-        """The earliest frame that differs."""
+        """The first frame that differs."""
         return self.first.get("frames")
 
     @property
     def first_truth(self) -> RowDifference | None:
-        """The earliest truth row that differs."""
+        """The first truth row that differs."""
         return self.first.get("truth")
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as JSON's values."""
+        """The result as JSON values."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -114,9 +114,9 @@ class Difference:
 
 
 def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
-    """Compare two runs, complete or killed; `InputError` for a folder that holds none.
+    """Compare two runs, complete or killed; raises `InputError` for a folder that is not a run's.
 
-    Frames and truth of two runs that ended are not read where their digests agree.
+    Frames and truth of two runs that ended are not read if their digests are equal.
     """
     left, right = (run if isinstance(run, RunRecord) else load(run) for run in (a, b))
     digests = {
@@ -182,16 +182,18 @@ def _first_difference(table: str, a: RunRecord, b: RunRecord, columns: set[str])
             if left is None and right is None:
                 return None
             rest = left if right is None else right
-            return _lone(table, keys, rest.slice(0, 1).to_pylist()[0], "a" if right is None else "b")
+            return _missing_row(table, keys, rest.slice(0, 1).to_pylist()[0], "a" if right is None else "b")
         rows = min(left.num_rows, right.num_rows)
-        place = _first_unequal(left.slice(0, rows), right.slice(0, rows))
+        place = _first_unequal_row(left.slice(0, rows), right.slice(0, rows))
         if place is not None:
-            return _judged(table, keys, left.slice(place, 1).to_pylist()[0], right.slice(place, 1).to_pylist()[0])
+            return _row_difference(
+                table, keys, left.slice(place, 1).to_pylist()[0], right.slice(place, 1).to_pylist()[0]
+            )
         held = [left.slice(rows), right.slice(rows)]
 
 
 def _ordered(table: str, run: RunRecord, columns: set[str]) -> Iterator[pa.Table]:
-    """The table's common columns in canonical order; frames with their payloads instead of payload ids."""
+    """The common columns of a table in canonical order; frames have payloads instead of payload ids."""
     names = [name for name in run.tables.schema(table).names if name in columns and name != "payload_id"]
     names = [*_KEYS[table], *sorted(name for name in names if name not in _KEYS[table])]
 
@@ -209,7 +211,7 @@ def _ordered(table: str, run: RunRecord, columns: set[str]) -> Iterator[pa.Table
     return in_order(tables, _KEYS[table][0], _KEYS[table][1:])
 
 
-def _first_unequal(a: pa.Table, b: pa.Table) -> int | None:
+def _first_unequal_row(a: pa.Table, b: pa.Table) -> int | None:
     places = []
     for name in a.column_names:
         if a.column(name).equals(b.column(name)) and not pa.types.is_floating(a.column(name).type):
@@ -221,7 +223,7 @@ def _first_unequal(a: pa.Table, b: pa.Table) -> int | None:
 
 
 def _unequal(a: pa.Array, b: pa.Array) -> NDArray[np.bool_]:
-    """Where two columns differ: floats in their bits, a missing value from every other."""
+    """Mask of differing rows: floats differ if their bits do; a null differs from every value."""
     if pa.types.is_floating(a.type):
         bits: NDArray[np.bool_] = a.to_numpy(zero_copy_only=False).view(np.int64) != b.to_numpy(
             zero_copy_only=False
@@ -233,22 +235,22 @@ def _unequal(a: pa.Array, b: pa.Array) -> NDArray[np.bool_]:
     return result
 
 
-def _judged(table: str, keys: tuple[str, ...], a: dict[str, Any], b: dict[str, Any]) -> RowDifference:
+def _row_difference(table: str, keys: tuple[str, ...], a: dict[str, Any], b: dict[str, Any]) -> RowDifference:
     mine, other = tuple(a[key] for key in keys), tuple(b[key] for key in keys)
     if mine < other:
-        return _lone(table, keys, a, "a")
+        return _missing_row(table, keys, a, "a")
     if other < mine:
-        return _lone(table, keys, b, "b")
+        return _missing_row(table, keys, b, "b")
     cells = {name: (_value(a[name]), _value(b[name])) for name in a if not _alike(a[name], b[name])}
     return RowDifference(table, int(mine[0]), _name(table, a), None, cells)
 
 
-def _lone(table: str, keys: tuple[str, ...], row: dict[str, Any], side: str) -> RowDifference:
+def _missing_row(table: str, keys: tuple[str, ...], row: dict[str, Any], side: str) -> RowDifference:
     return RowDifference(table, int(row[keys[0]]), _name(table, row), side, {})
 
 
 def _name(table: str, row: Mapping[str, Any]) -> str:
-    """What a reader calls the row: a frame by its id, and what it is."""
+    """The name of a row for people: of a frame, its id and message."""
     if table == "frames":
         what = message_name(row["payload"]) or f"{len(row['payload'])} bytes"
         return f"{FrameId(row['link'], row['direction'], row['sender'], row['serial'])} ({what})"
@@ -264,7 +266,7 @@ def _alike(a: object, b: object) -> bool:
 
 
 def _value(value: Any) -> Any:
-    """As JSON can hold it; floats that it cannot as text."""
+    """A value as JSON can represent it: bytes in hexadecimal, infinities and not-a-number as text."""
     if isinstance(value, bytes):
         return value.hex()
     return str(value) if isinstance(value, float) and not np.isfinite(value) else value

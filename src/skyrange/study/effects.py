@@ -1,4 +1,4 @@
-"""What did the attack do to each aircraft? A run measured, and measured against its twin."""
+"""Effects of an attack on each aircraft: measures of a run, and their differences from the twin."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from skyrange.study.series import happenings, vehicles
 Floats = NDArray[np.float64]
 
 DEPARTED_M = 1.0
-"""Truth has departed from the twin when an aircraft is farther than this from where it is there at the same moment."""
+"""An aircraft has departed from the twin if it is farther than this from its position there at the same time."""
 
 _F64, _I64 = pa.float64(), pa.int64()
 
@@ -36,12 +36,12 @@ class Ticks:
     aloft: NDArray[np.bool_]
     """(t, n)"""
     power_w: Floats
-    """(t, n) drawn from the battery; NaN where the world has none"""
+    """(t, n) drawn from the battery; NaN if the world has no battery"""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """One aircraft's run in numbers; None where the record does not say."""
+    """Measures of one aircraft in one run; `None` if the record does not contain the data."""
 
     vehicle: str
     outcome: str
@@ -56,7 +56,7 @@ class Measured:
 
 
 def ticks_of(record: RunRecord) -> Ticks:
-    """The truth of all aircraft by tick; ticks at which some are missing are left out."""
+    """The truth of all aircraft by tick; ticks with missing aircraft are left out."""
     names = {vehicle.id: number for number, vehicle in enumerate(vehicles(record))}
     there = set(record.tables.schema("truth").names)
     columns = [name for name in ("east_m", "north_m", "up_m", "on_ground", "battery_v", "battery_a") if name in there]
@@ -81,10 +81,10 @@ def ticks_of(record: RunRecord) -> Ticks:
 
 
 def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Measured]:
-    """Every aircraft of a run, in the manifest's order.
+    """The measures of every aircraft of a run, in the manifest's order.
 
-    Distances are along the recorded truth, so of its sampling rate; energy is volts times amperes at the battery's
-    terminals, by the trapezoidal rule over the whole run.
+    Distances are lengths of the recorded truth and so depend on its sampling rate. Energy is volts times amperes at the
+    battery's terminals, by the trapezoidal rule over the whole run.
     """
     fleet = [vehicle.id for vehicle in vehicles(record)]
     hits: dict[str, int] = {}
@@ -115,8 +115,8 @@ def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Mea
 
 
 def departures(ticks: Ticks, twin: Ticks, threshold_m: float = DEPARTED_M) -> tuple[Floats, NDArray[np.int64]]:
-    """(n,) how far each aircraft came from where it was in the twin at the same moment, and (n,) ns when that first
-    was more than `threshold_m`, −1 for never. Moments that only one of them has do not count.
+    """(n,) largest distance of each aircraft from its position in the twin at the same time, and (n,) ns when it first
+    exceeded `threshold_m`, −1 for never. Times that only one of the runs has are ignored.
     """
     _, mine, other = np.intersect1d(ticks.time_ns, twin.time_ns, assume_unique=True, return_indices=True)
     away_m = np.sqrt(((ticks.enu_m[mine] - twin.enu_m[other]) ** 2).sum(axis=2))
@@ -126,44 +126,46 @@ def departures(ticks: Ticks, twin: Ticks, threshold_m: float = DEPARTED_M) -> tu
 
 
 COLUMNS: Final[tuple[Column, ...]] = (
-    Column("seed", _I64, "", "chance of both runs"),
-    Column("against", NAME, "", "the twin: nominal or sham"),
+    Column("seed", _I64, "", "seed of both runs"),
+    Column("against", NAME, "", "the twin with which it is compared: nominal or sham"),
     Column("vehicle", NAME, "", "operator/vehicle"),
-    Column("outcome", NAME, "", "of the mission in the attacked run: complete, failed or unfinished"),
+    Column("outcome", NAME, "", "outcome of the mission in the attacked run: complete, failed or unfinished"),
     Column("outcome_twin", NAME, "", "the same in the twin"),
     Column("finished_s", _F64, "s", "when the mission ended in the attacked run", True),
     Column("finished_twin_s", _F64, "s", "the same in the twin", True),
-    Column("delay_s", _F64, "s", "arrival delay: attacked minus twin, where both missions are complete", True),
+    Column("delay_s", _F64, "s", "arrival delay: attacked minus twin, if both missions are complete", True),
     Column("distance_m", _F64, "m", "length of the path flown in the attacked run"),
     Column("distance_twin_m", _F64, "m", "the same in the twin"),
     Column("extra_distance_m", _F64, "m", "attacked minus twin"),
-    Column("energy_j", _F64, "J", "drawn from the battery over the whole attacked run", True),
+    Column("energy_j", _F64, "J", "energy drawn from the battery over the whole attacked run", True),
     Column("energy_twin_j", _F64, "J", "the same in the twin", True),
     Column("extra_energy_j", _F64, "J", "attacked minus twin", True),
     Column("min_separation_m", _F64, "m", "least distance to another aircraft in the air, centre to centre", True),
     Column("min_separation_twin_m", _F64, "m", "the same in the twin", True),
-    Column("nearest", NAME, "", "to which aircraft, in the attacked run", True),
-    Column("near_misses", _I64, "", "how often another aircraft came nearer than the limit, in the attacked run"),
+    Column("nearest", NAME, "", "the other aircraft of that least distance, in the attacked run", True),
+    Column(
+        "near_misses", _I64, "", "number of times that another aircraft came nearer than the limit, in the attacked run"
+    ),
     Column("near_misses_twin", _I64, "", "the same in the twin"),
     Column("collisions", _I64, "", "collisions with aircraft and buildings in the attacked run"),
     Column("collisions_twin", _I64, "", "the same in the twin"),
     Column("min_wall_m", _F64, "m", "least distance to a building in the attacked run; null beyond 30 m", True),
     Column("min_wall_twin_m", _F64, "m", "the same in the twin", True),
-    Column("departure_m", _F64, "m", "how far it came at most from where it was in the twin at that moment"),
-    Column("departed_s", _F64, "s", "when that was first more than the threshold; null for never", True),
+    Column("departure_m", _F64, "m", "largest distance from its position in the twin at the same time"),
+    Column("departed_s", _F64, "s", "when that distance first exceeded the threshold; null for never", True),
 )
-"""`effects.parquet`: a row per seed, twin and aircraft."""
+"""The columns of `effects.parquet`, which has a row per seed, twin and aircraft."""
 
 MEASURES: Final = ("delay_s", "extra_distance_m", "extra_energy_j", "departure_m")
-"""Columns that are averaged over seeds as they are."""
+"""Columns whose values are averaged over seeds."""
 CHANGES: Final = ("near_misses", "collisions", "min_separation_m", "min_wall_m")
-"""Columns whose difference to the twin is averaged."""
+"""Columns whose differences from the twin are averaged over seeds."""
 
 
 def effect_rows(
     seed: int, against: str, runs: tuple[RunRecord, RunRecord], near_m: float, threshold_m: float
 ) -> list[dict[str, Any]]:
-    """The rows of one pair: `runs` are the attacked one and its twin."""
+    """The rows of one pair: `runs` are the attacked run and its twin."""
     both = [ticks_of(run) for run in runs]
     rows = []
     away_m, first_ns = departures(both[0], both[1], threshold_m)
@@ -187,7 +189,7 @@ def effect_rows(
 
 
 def effects_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    """Rows as `effects.parquet` has them."""
+    """Rows as the table of `effects.parquet`."""
     return pa.Table.from_pylist([dict(row) for row in rows], schema=arrow_schema("effects", COLUMNS))
 
 

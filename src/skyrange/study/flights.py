@@ -1,4 +1,4 @@
-"""How did each aircraft's flight go? Outcome, time in the air, path flown, belief against truth, one row each."""
+"""Summary of each aircraft's flight: outcome, time in the air, path length, belief against truth."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from skyrange.study.series import Happening, Record, Track, Vehicle, gaps_m
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """One aircraft's flight in numbers; `None` where the record does not say.
+    """One aircraft's flight in numbers; `None` if the record does not contain the data.
 
-    `state` is `complete`, `failed` or `unfinished`; `reason` is the ground station's, `mishap` what truly happened: the
-    first collision or crash in words, "" without one. `airborne_s` sums the spans from take-off to landing or crash;
-    `max_gap_m` and `p95_gap_m` are distances between what its ground station believed on reception and the truth.
+    `state` is `complete`, `failed` or `unfinished`. `reason` is the reason that the ground station gives; `mishap`
+    describes the aircraft's first true collision or crash, "" if there was none. `airborne_s` is the sum of the times
+    from take-off to landing or crash. `max_gap_m` and `p95_gap_m` are distances between the position that the ground
+    station received and the true position at that time.
     """
 
     vehicle: Vehicle
@@ -33,7 +34,7 @@ class Flight:
     max_gap_m: float | None
     p95_gap_m: float | None
     positions: int
-    """Positions that the ground station received."""
+    """Number of positions that the ground station received."""
 
 
 def flights(
@@ -43,7 +44,7 @@ def flights(
     belief: Mapping[str, Track],
     events: Sequence[Happening],
 ) -> list[Flight]:
-    """One `Flight` per aircraft of `fleet`; outcomes from the manifest, else from `event.outcome`."""
+    """One `Flight` per aircraft of `fleet`; outcomes are from the manifest, else from `event.outcome`."""
     rows = []
     declared = record.manifest.get("outcomes") or {}
     ends = undoing(events)
@@ -78,7 +79,7 @@ _DOWN = frozenset({"event.landed", "event.crash", "event.disarmed"})
 
 
 def _airborne_s(own: Sequence[Happening], path: Track | None) -> float | None:
-    """Seconds between take-offs and landings, crashes or motors off; an unfinished flight counts to its truth's end."""
+    """Seconds from take-offs to landings, crashes or disarming; an unfinished flight counts to the end of truth."""
     total, since = 0, None
     flew = False
     for event in own:

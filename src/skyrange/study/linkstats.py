@@ -1,4 +1,4 @@
-"""How did each link do? Frames sent, delivered, lost; bytes; latency; from the record in one bounded pass."""
+"""Link statistics: frames sent, delivered and lost, bytes, latency; computed in one pass with bounded memory."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from skyrange.agent.frames import Fate
 from skyrange.study.series import Record
 
 _BINS_PER_DECADE = 230
-"""Latency bins grow by 1 % each, so a quantile read from them is within 1 %."""
+"""Each latency bin is 1 % wider than the one before, so a quantile is accurate to 1 %."""
 _DECADES = 10
 _BINS = _BINS_PER_DECADE * _DECADES
 
 
 @dataclass(slots=True)
 class LinkStats:
-    """One direction of one link instance, or a sum of several.
+    """Statistics of one direction of one link instance, or the sum of several.
 
-    `fates` counts frames by fate (`agent.frames.Fate`), `size_bytes` all that was sent, latency only what was
-    delivered.
+    `fates` counts frames by fate (`agent.frames.Fate`). `size_bytes` includes all frames sent; latency includes only
+    delivered frames.
     """
 
     kind: str
@@ -39,27 +39,27 @@ class LinkStats:
 
     @property
     def sent(self) -> int:
-        """Frames put on the link."""
+        """Number of frames sent."""
         return sum(self.fates.values())
 
     @property
     def delivered(self) -> int:
-        """Frames that reached the other end."""
+        """Number of frames delivered."""
         return self.fates.get(Fate.DELIVERED, 0)
 
     @property
     def operator(self) -> str:
-        """The operator that the link belongs to."""
+        """The operator to whom the link belongs."""
         return self.owner.split("/", 1)[0]
 
     @property
     def mean_latency_s(self) -> float:
-        """Mean time from sending to arrival; NaN where nothing was delivered."""
+        """Mean time from sending to arrival; NaN if nothing was delivered."""
         return self.latency_sum_s / self.delivered if self.delivered else math.nan
 
     @property
     def p95_latency_s(self) -> float:
-        """The latency that 95 % of the delivered frames did not exceed, within 1 %; NaN where none was delivered."""
+        """The 95th percentile of the latency of delivered frames, accurate to 1 %; NaN if nothing was delivered."""
         total = int(self._latencies.sum())
         if not total:
             return math.nan
@@ -67,7 +67,7 @@ class LinkStats:
         return min(float(10.0 ** ((index + 0.5) / _BINS_PER_DECADE)) * 1e-9, self.latency_max_s)
 
     def add(self, other: LinkStats) -> None:
-        """Count the frames of `other` too."""
+        """Add the statistics of `other`."""
         for fate, count in other.fates.items():
             self.fates[fate] = self.fates.get(fate, 0) + count
         self.size_bytes += other.size_bytes
@@ -75,20 +75,20 @@ class LinkStats:
         self.latency_max_s = max(self.latency_max_s, other.latency_max_s)
         self._latencies += other._latencies
 
-    def take(self, fate: str, count: int, size_bytes: int) -> None:
-        """Count frames of one fate."""
+    def add_frames(self, fate: str, count: int, size_bytes: int) -> None:
+        """Add frames of one fate."""
         self.fates[fate] = self.fates.get(fate, 0) + count
         self.size_bytes += size_bytes
 
-    def took(self, sum_s: float, most_s: float, bins: NDArray[np.int64], counts: NDArray[np.int64]) -> None:
-        """Count latencies of delivered frames: their sum, the largest, and how many (n,) fell into which bins (n,)."""
+    def add_latencies(self, sum_s: float, most_s: float, bins: NDArray[np.int64], counts: NDArray[np.int64]) -> None:
+        """Add latencies of delivered frames: sum, maximum, and the counts (n,) in the bins (n,)."""
         self.latency_sum_s += sum_s
         self.latency_max_s = max(self.latency_max_s, most_s)
         self._latencies[bins] += counts
 
 
 def link_stats(record: Record) -> list[LinkStats]:
-    """Every direction of every link instance that the manifest names or a frame crossed, by kind and owner."""
+    """Statistics of every direction of every link that the manifest names or that a frame used, by kind and owner."""
     found: dict[tuple[str, str], LinkStats] = {}
     for row in record.manifest.get("links") or []:
         for direction in ("fwd", "rev"):
@@ -99,7 +99,7 @@ def link_stats(record: Record) -> list[LinkStats]:
 
 
 def summed(stats: Iterable[LinkStats]) -> list[LinkStats]:
-    """Sums over all instances of one kind and direction, in that order."""
+    """Sums over all link instances of the same kind and direction, in that order."""
     sums: dict[tuple[str, str], LinkStats] = {}
     for each in stats:
         key = (each.kind, each.direction)
@@ -115,7 +115,7 @@ def _entry(found: dict[tuple[str, str], LinkStats], link: str, direction: str) -
 
 
 def _count(found: dict[tuple[str, str], LinkStats], batch: Any) -> None:
-    """Add one batch of frames by link, direction and fate; sums are arrays, as a large fleet has many groups."""
+    """Add one batch of frames by link, direction and fate; large fleets have many such groups."""
     if not batch.num_rows:
         return
     key = pc.binary_join_element_wise(batch.column("link"), batch.column("direction"), batch.column("fate"), "\n")
@@ -138,7 +138,7 @@ def _count(found: dict[tuple[str, str], LinkStats], batch: Any) -> None:
     for group, name in enumerate(codes.dictionary.to_pylist()):
         link, direction, fate = name.split("\n")
         entry = _entry(found, link, direction)
-        entry.take(fate, counts[group], int(size_sums[group]))
+        entry.add_frames(fate, counts[group], int(size_sums[group]))
         if fate == Fate.DELIVERED:
             part = slice(bounds[group], bounds[group + 1])
-            entry.took(sums_s[group], float(most_ns[group]) * 1e-9, places[part], times[part])
+            entry.add_latencies(sums_s[group], float(most_ns[group]) * 1e-9, places[part], times[part])

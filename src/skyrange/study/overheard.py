@@ -1,7 +1,7 @@
-"""What came in at each receiver of a run, byte for byte? Receptions of aircraft, attackers and ground receivers.
+"""Broadcasts received in a run, byte for byte, by aircraft, attackers and ground receivers.
 
-Of aircraft and attackers they are the oracle's own frames on `rid_down:*`, of ground receivers what stands in its
-reports on `oracle:*`. What a tap altered, held back or added behind the antenna is not among them.
+For aircraft and attackers they are the frames that the oracle sends on `rid_down:*`; for ground receivers they are the
+contents of its reports on `oracle:*`. They do not include what a tap altered, delayed or added behind the antenna.
 """
 
 from __future__ import annotations
@@ -25,31 +25,31 @@ T = TypeVar("T")
 _UP: Final = "rid_up:"
 _DOWN: Final = "rid_down:"
 _REPORTS: Final = "oracle:"
-HELD_NS: Final = NS_PER_S
-"""Things are put in order over so much of the run: what the record has later than that after the fact (a link was that
-slow) comes out of its turn."""
+WINDOW_NS: Final = NS_PER_S
+"""Length of the sorting window. An item that is recorded later than this after its time, because a link was that slow,
+is yielded out of order."""
 
 
 class Overheard(NamedTuple):
-    """One reception: its header has the signal strength, the channel, the claimed address and the end of reception."""
+    """One reception; the frame's header has signal strength, channel, claimed address and end of reception."""
 
     receiver: str
     frame: RidFrame
 
 
 def has_radio(record: RunRecord) -> bool:
-    """Whether anything could be broadcast in a run."""
+    """Whether a run has a radio medium."""
     names = (str(link["name"]) for link in record.manifest.get("links") or [])
     return any(name.startswith((_UP, _DOWN, _REPORTS)) for name in names)
 
 
 def receivers_of(record: RunRecord) -> list[str]:
-    """Who could receive: aircraft and attackers that listen by their ids, then ground receivers.
+    """Names of the receivers of a run: the ids of aircraft and attackers that listen, then ground receivers.
 
-    `InputError` for a run without a radio medium.
+    Raises `InputError` for a run without a radio medium.
     """
     if not has_radio(record):
-        hint = "Add [radio] to its scenario and fly it again."
+        hint = "Add [radio] to its scenario and run it again."
         raise InputError.one(str(record.path), "links", "no radio", "a run with a radio medium", hint)
     links = [str(link["name"]) for link in record.manifest.get("links") or []]
     grounds = [str(row["id"]) for row in record.manifest.get("receivers") or []]
@@ -57,7 +57,7 @@ def receivers_of(record: RunRecord) -> list[str]:
 
 
 def chosen(record: RunRecord, names: Iterable[str]) -> list[str]:
-    """`names` once each, all receivers for none; `InputError` for one that is no receiver of the run."""
+    """`names` without duplicates, or all receivers if empty; `InputError` for a name that is not a receiver."""
     known = receivers_of(record)
     wanted = list(dict.fromkeys(names)) or known
     faults = [
@@ -69,16 +69,16 @@ def chosen(record: RunRecord, names: Iterable[str]) -> list[str]:
 
 
 def overheard(record: RunRecord, receivers: Sequence[str] = ()) -> Iterator[Overheard]:
-    """All receptions of some receivers (of all: none named) by the end of reception, read batch by batch.
+    """The receptions of some receivers (all if none are named) in order of their end, read batch by batch.
 
-    `InputError` for an unknown receiver and for a run without a radio medium, at once.
+    Raises `InputError` immediately for an unknown receiver and for a run without a radio medium.
     """
     wanted = frozenset(chosen(record, receivers))
-    return in_order(_recorded(record, wanted), lambda one: one.frame.header.time_ns)
+    return sort_in_window(_recorded(record, wanted), lambda one: one.frame.header.time_ns)
 
 
 def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[Overheard]:
-    """In the order of the record."""
+    """The receptions in the order recorded."""
     downs = [_DOWN + name for name in wanted]
     grounds = {str(row["id"]) for row in record.manifest.get("receivers") or []} & wanted
     for table in record.tables.frames_with_payloads(["link", "sender"]):
@@ -96,15 +96,15 @@ def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[Overheard]:
                     yield Overheard(reception.receiver, reception.frame())
 
 
-def in_order(items: Iterable[T], at_ns: Callable[[T], int]) -> Iterator[T]:
-    """By time, those of one time in the order given; holds what lies within `HELD_NS`."""
+def sort_in_window(items: Iterable[T], at_ns: Callable[[T], int]) -> Iterator[T]:
+    """Items sorted by time within a window of `WINDOW_NS`; items of the same time keep their order."""
     waiting: list[tuple[int, int, T]] = []
     newest = 0
     for number, item in enumerate(items):
         at = at_ns(item)
         heappush(waiting, (at, number, item))
         newest = max(newest, at)
-        while waiting[0][0] < newest - HELD_NS:
+        while waiting[0][0] < newest - WINDOW_NS:
             yield heappop(waiting)[2]
     while waiting:
         yield heappop(waiting)[2]

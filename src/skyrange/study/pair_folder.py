@@ -1,4 +1,4 @@
-"""Folder of a pair: the manifest, the runs and the tables that `pairing.pair` left, opened for reading."""
+"""Folder of a pair: reader of the manifest, runs and tables that `pairing.pair` writes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from skyrange.study.effects import CHANGES, MEASURES
 from skyrange.study.spread import Interval, interval
 
 FORMAT: Final = "skyrange.pair/2"
-"""The layout of a pair's folder; in `skyrange.pair/1`, which is read too, `PROPAGATION` was `labels.parquet`."""
+"""The format of a pair's folder. `skyrange.pair/1`, which can be read too, has `labels.parquet` as `PROPAGATION`."""
 
 READABLE: Final = (FORMAT, "skyrange.pair/1")
 MANIFEST: Final = "pair.json"
@@ -28,28 +28,28 @@ ARMS: Final = ("nominal", "attacked", "sham")
 
 @dataclass(frozen=True)
 class Pair:
-    """The folder of a pair, opened. `manifest` is its `pair.json`."""
+    """An opened pair folder. `manifest` is its `pair.json`."""
 
     path: Path
     manifest: Mapping[str, Any]
 
     @property
     def seeds(self) -> list[int]:
-        """Of each repetition, in order."""
+        """The seed of each repetition, in order."""
         return list(self.manifest["seeds"])
 
     @property
     def arms(self) -> list[str]:
-        """Which were flown: nominal, attacked, perhaps sham."""
+        """The arms that were run: nominal, attacked and, if requested, sham."""
         return list(self.manifest["arms"])
 
     @property
     def reference(self) -> str:
-        """The arm that effects are against first: sham where there is one, else nominal."""
+        """The arm with which effects are compared by default: sham if it was run, else nominal."""
         return "sham" if "sham" in self.arms else "nominal"
 
     def run(self, arm: str, seed: int | None = None) -> RunRecord:
-        """The record of one arm of one seed, the first by default. `InputError` for one that was not flown."""
+        """The record of one arm and seed (default: the first); raises `InputError` if that was not run."""
         seed = self.seeds[0] if seed is None else seed
         if arm not in self.arms or seed not in self.seeds:
             expected = f"one of {', '.join(self.arms)} with a seed of {', '.join(map(str, self.seeds))}"
@@ -58,27 +58,27 @@ class Pair:
 
     @property
     def effects(self) -> pa.Table:
-        """`effects.parquet`."""
+        """The table of `effects.parquet`."""
         return pq.read_table(self.path / EFFECTS)
 
     @property
     def propagation(self) -> pa.Table:
-        """`propagation.parquet`: every hostile act, and what came of it."""
+        """The table of `propagation.parquet`: every hostile act and its consequences."""
         path = self.path / PROPAGATION
         return pq.read_table(path if path.exists() else self.path / "labels.parquet")
 
     def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
-        """By aircraft and measure, the mean effect over the seeds and its 95 % interval (`study.spread`)."""
+        """By aircraft and measure, the mean effect over the seeds with its 95 % confidence interval."""
         return intervals(self.effects.to_pylist(), against or self.reference)
 
     @property
     def report(self) -> Path:
-        """The comparison page."""
+        """The path of the comparison page."""
         return self.path / "report.html"
 
 
 def load_pair(path: Path | str) -> Pair:
-    """Open a pair's folder. `InputError` where it is none."""
+    """Open a pair's folder; raises `InputError` if it is not one."""
     folder = Path(path).expanduser()
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
@@ -90,12 +90,12 @@ def load_pair(path: Path | str) -> Pair:
 
 
 def folder_of(arm: str, seed: int, seeds: Sequence[int]) -> str:
-    """Where a run lies in its pair's folder."""
+    """The path of a run relative to its pair's folder."""
     return arm if len(seeds) == 1 else f"seed-{seed}/{arm}"
 
 
 def intervals(rows: Sequence[Mapping[str, Any]], against: str) -> dict[str, dict[str, Interval]]:
-    """By aircraft and measure, the mean over seeds of `effects` rows against one twin."""
+    """By aircraft and measure, the mean over seeds with its interval, from `effects` rows against one twin."""
     samples: dict[str, dict[str, list[float]]] = {}
     for row in rows:
         if row["against"] != against:

@@ -1,7 +1,7 @@
-"""Pair: the same scenario flown with its attacks and without them, compared in one folder.
+"""Pairing of runs: one scenario run with its attacks and without them, compared in one folder.
 
-Arms: *attacked* is the scenario as it is; *nominal* has every attack present and muted; *sham* has every attack send as
-much, from the same place at the same times, with benign content. Each arm is a run of its own, in its own process.
+Arms: *attacked* is the unchanged scenario; in *nominal* every attack is present and muted; in *sham* every attack sends
+as much, from the same place at the same times, with benign content. Each arm is a separate run in its own process.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ def pair(
     threshold_m: float = DEPARTED_M,
     on_progress: OnShare | None = None,
 ) -> Pair:
-    """Fly a scenario with its attacks, and muted; the Python spelling of `skyrange pair`.
+    """Run a scenario with its attacks and with all of them muted; the Python equivalent of `skyrange pair`.
 
-    `scenario`, `seed`, `buildings` and `changes` as in `skyrange.run`. `out` defaults to the first free one of
-    `runs/NAME-pair`, `runs/NAME-pair-2` … With `sham` there is a third arm. `seeds` repeats it all with as many seeds,
-    counted up from the scenario's. `jobs` runs fly at once. Raises `InputError` for a scenario whose attacks are all
-    muted or none, before anything is written; `ComponentError` where a run failed and `ShortfallError` after Ctrl-C,
-    with what was flown left in the folder.
+    `scenario`, `seed`, `buildings` and `changes` are those of `skyrange.run`. `out` defaults to the first free folder
+    of `runs/NAME-pair`, `runs/NAME-pair-2` … `sham` adds a third arm. `seeds` repeats all arms with that many
+    consecutive seeds, beginning with the scenario's. `jobs` is the number of parallel runs. Raises `InputError`, before
+    anything is written, for a scenario without attacks or with muted attacks only; `ComponentError` if a run failed;
+    `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
@@ -60,8 +60,8 @@ def pair(
         what = "all muted" if scenario.attacks else "none"
         raise InputError.one(f"scenario {scenario.name}", "attacks", what, "an attack that acts, to compare with")
     names = [arm for arm in ARMS if sham or arm != "sham"]
-    wire(scenario)  # what is wrong is said here, before there is a folder
-    folder = _fresh(Path(out).expanduser() if out is not None else free_folder(f"{scenario.name}-pair"))
+    wire(scenario)  # raises errors in the scenario before a folder is created
+    folder = _make_folder(Path(out).expanduser() if out is not None else free_folder(f"{scenario.name}-pair"))
     numbers = [scenario.seed + k for k in range(seeds)]
     flights = [(arm, number) for number in numbers for arm in names]
     flown = fly_all(
@@ -86,13 +86,13 @@ def pair(
         file.write(f"{json.dumps(manifest, indent=2)}\n".encode())
     worst = max(flown, key=lambda one: one.code)
     if worst.code == ShortfallError.exit_code:
-        raise ShortfallError(f"interrupted; what was flown is in {folder}", folder)
+        raise ShortfallError(f"interrupted; the runs so far are in {folder}", folder)
     if worst.code:
         at = flown.index(worst)
         raise ComponentError(f"run {flights[at][0]}, seed {flights[at][1]}", worst.words)
-    made = Pair(folder, manifest)
-    _compare(made, near_m, threshold_m)
-    return made
+    result = Pair(folder, manifest)
+    _write_comparison(result, near_m, threshold_m)
+    return result
 
 
 def arm_of(scenario: Scenario, arm: str, seed: int) -> Scenario:
@@ -102,38 +102,40 @@ def arm_of(scenario: Scenario, arm: str, seed: int) -> Scenario:
     return scenario.model_copy(update={"attacks": attacks, "seed": seed})
 
 
-def _fresh(folder: Path) -> Path:
+def _make_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         taken = next(folder.iterdir(), None)
     except OSError as error:
-        raise InputError.one("output", str(folder), error.strerror or str(error), "a folder that can be made") from None
+        raise InputError.one(
+            "output", str(folder), error.strerror or str(error), "a folder that can be created"
+        ) from None
     if taken is not None:
         hint = "Choose another folder, or move that one away."
         raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
     return folder
 
 
-def _compare(made: Pair, near_m: float, threshold_m: float) -> None:
-    """Write effects, propagation and the report of runs that are all flown."""
+def _write_comparison(result: Pair, near_m: float, threshold_m: float) -> None:
+    """Write effects, propagation and the report when all runs are complete."""
     effects: list[dict[str, Any]] = []
     propagation: list[dict[str, Any]] = []
-    for seed in made.seeds:
-        attacked = made.run("attacked", seed)
+    for seed in result.seeds:
+        attacked = result.run("attacked", seed)
         traced = trace(attacked, seed)
-        for against in [arm for arm in made.arms if arm != "attacked"]:
-            rows = effect_rows(seed, against, (attacked, made.run(against, seed)), near_m, threshold_m)
+        for against in [arm for arm in result.arms if arm != "attacked"]:
+            rows = effect_rows(seed, against, (attacked, result.run(against, seed)), near_m, threshold_m)
             effects += rows
             if against == "nominal":
-                propagation += sorted([*traced, *effects_of(traced, rows)], key=_moment)
-    _write(effects_table(effects), made.path / EFFECTS)
-    _write(propagation_table(propagation), made.path / PROPAGATION)
+                propagation += sorted([*traced, *effects_of(traced, rows)], key=_time_ns)
+    _write(effects_table(effects), result.path / EFFECTS)
+    _write(propagation_table(propagation), result.path / PROPAGATION)
     from skyrange.study.report.comparison import write_comparison
 
-    write_comparison(made, made.report)
+    write_comparison(result, result.report)
 
 
-def _moment(row: Mapping[str, Any]) -> int:
+def _time_ns(row: Mapping[str, Any]) -> int:
     return int(row["at_ns"])
 
 

@@ -1,7 +1,8 @@
-"""How do several runs fly at once? A process each, so many at a time, with their progress and their failures told here.
+"""Several runs in parallel: one process per run, with progress and failures reported to the parent.
 
-Children are in a process group of their own: Ctrl-C reaches the parent alone, which passes it on once, and every run
-ends whole. Where the system can, children are forks, which know the plugins that a notebook has registered.
+Each child process has a process group of its own. Ctrl-C therefore reaches only the parent, which forwards it once, so
+that every run ends with a complete record. If the system supports it, children are forked, so that plugins registered
+in a notebook are known to them.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ from skyrange.scenario.schema import Scenario
 from skyrange.study.session import fly
 
 OnShare = Callable[[int, Time, Time], None]
-"""Called with (number of the flight, simulated now, simulated end) as flights go on."""
+"""Callback for progress: (number of the run, current simulated time, simulated end time)."""
 
-_LOOK_S = 0.2
-_STEPS = 200  # messages that a flight sends of its progress
+_POLL_S = 0.2
+_STEPS = 200  # progress messages per run
 
 
 class Flown(NamedTuple):
-    """What came of one flight: its error's exit code and words, 0 and "" where there was none."""
+    """Result of one run: exit code and message of its error, 0 and "" on success."""
 
     code: int
     words: str
@@ -45,13 +46,13 @@ class _Child(NamedTuple):
 def fly_all(
     flights: Sequence[tuple[Scenario, Path]], jobs: int = 2, on_progress: OnShare | None = None, report: bool = True
 ) -> list[Flown]:
-    """Fly every scenario into its folder, `jobs` at a time; returns what came of each, in order.
+    """Run every scenario into its folder, `jobs` at a time; returns the results in order.
 
-    Where no kernel was compiled before, the first flies alone: what it compiles the others find. Ctrl-C ends those
-    that fly, and the others do not start: their code is that of a shortfall.
+    If the numeric functions are not compiled yet, the first run starts alone, and the others use what it compiled.
+    Ctrl-C ends the active runs; the remaining ones do not start and get the exit code of a shortfall.
     """
     if jobs <= 1 or len(flights) <= 1:
-        return _one_by_one(flights, on_progress, report)
+        return _run_in_turn(flights, on_progress, report)
     forks = "fork" in multiprocessing.get_all_start_methods()
     context: Any = multiprocessing.get_context("fork" if forks else "spawn")
     results: list[Flown | None] = [None] * len(flights)
@@ -68,7 +69,7 @@ def fly_all(
                     number = waiting.pop(0)
                     inlet, outlet = context.Pipe(duplex=False)
                     scenario, folder = flights[number]
-                    process = context.Process(target=_fly, args=(outlet, scenario, folder, report), daemon=True)
+                    process = context.Process(target=_child_main, args=(outlet, scenario, folder, report), daemon=True)
                     process.start()
                     outlet.close()
                     children[inlet] = _Child(number, process, inlet)
@@ -77,20 +78,20 @@ def fly_all(
                     due = [child for child in children.values() if child.number in flying - told]
                     told.update(child.number for child in due)
                     _interrupt(due)
-                for ready in wait(list(children), timeout=_LOOK_S):
+                for ready in wait(list(children), timeout=_POLL_S):
                     assert isinstance(ready, Connection)
                     flying.add(children[ready].number)
-                    _hear(children, ready, results, on_progress)
+                    _handle_message(children, ready, results, on_progress)
         finally:
             for child in children.values():
                 child.process.terminate()
     return [Flown(ShortfallError.exit_code, "not flown: interrupted") if one is None else one for one in results]
 
 
-def _hear(
+def _handle_message(
     children: dict[Connection, _Child], inlet: Connection, results: list[Flown | None], on_progress: OnShare | None
 ) -> None:
-    """Take one message of a child: its progress, what came of it, or that it is gone."""
+    """Handle one message of a child: its progress, its result, or the end of its process."""
     child = children[inlet]
     try:
         message = inlet.recv()
@@ -99,7 +100,7 @@ def _hear(
         del children[inlet]
         inlet.close()
         if results[child.number] is None:
-            words = f"the process of the flight ended with code {child.process.exitcode}"
+            words = f"the process of the run ended with code {child.process.exitcode}"
             results[child.number] = Flown(ComponentError.exit_code, words)
         return
     if isinstance(message, Flown):
@@ -114,21 +115,23 @@ def _interrupt(children: Iterable[_Child]) -> None:
             os.kill(child.process.pid, signal.SIGINT)
 
 
-def _one_by_one(flights: Sequence[tuple[Scenario, Path]], on_progress: OnShare | None, report: bool) -> list[Flown]:
+def _run_in_turn(flights: Sequence[tuple[Scenario, Path]], on_progress: OnShare | None, report: bool) -> list[Flown]:
     results: list[Flown] = []
     for number, (scenario, folder) in enumerate(flights):
         if any(one.code == ShortfallError.exit_code for one in results):
             results.append(Flown(ShortfallError.exit_code, "not flown: interrupted"))
             continue
-        results.append(_flown(scenario, folder, report, _share(number, on_progress)))
+        results.append(_run_guarded(scenario, folder, report, _numbered_progress(number, on_progress)))
     return results
 
 
-def _share(number: int, on_progress: OnShare | None) -> Callable[[Time, Time], None] | None:
+def _numbered_progress(number: int, on_progress: OnShare | None) -> Callable[[Time, Time], None] | None:
     return None if on_progress is None else lambda now, end: on_progress(number, now, end)
 
 
-def _flown(scenario: Scenario, folder: Path, report: bool, on_progress: Callable[[Time, Time], None] | None) -> Flown:
+def _run_guarded(
+    scenario: Scenario, folder: Path, report: bool, on_progress: Callable[[Time, Time], None] | None
+) -> Flown:
     try:
         fly(scenario, folder, report=report, on_progress=on_progress)
     except SkyrangeError as error:
@@ -138,8 +141,8 @@ def _flown(scenario: Scenario, folder: Path, report: bool, on_progress: Callable
     return Flown(0, "")
 
 
-def _fly(outlet: Connection, scenario: Scenario, folder: Path, report: bool) -> None:
-    """A child's whole life."""
+def _child_main(outlet: Connection, scenario: Scenario, folder: Path, report: bool) -> None:
+    """Main function of a child process."""
     if hasattr(os, "setpgid"):
         os.setpgid(0, 0)
     last = -1
@@ -151,5 +154,5 @@ def _fly(outlet: Connection, scenario: Scenario, folder: Path, report: bool) -> 
             last = step
             outlet.send((now, end))
 
-    outlet.send(_flown(scenario, folder, report, tell))
+    outlet.send(_run_guarded(scenario, folder, report, tell))
     outlet.close()

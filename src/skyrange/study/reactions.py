@@ -1,8 +1,8 @@
-"""How alike do two kinds of autopilot react to false GNSS? A hundred settings, each flown by both in one run.
+"""Reactions of two kinds of autopilot to false GNSS: a hundred settings, each flown by both in one run.
 
-Every setting has two aircraft, which hover at a waypoint of their mission, hardly any noise, far from everyone else.
-Then their receivers are deceived alike. What happens is taken from events and truth; nothing is asked of an estimator
-that an operator could not see as well.
+Every setting has two aircraft, one per kind, which hover at a waypoint of their mission, with very little sensor noise
+and far from all others. Then both receivers get the same false GNSS. The reactions are read from events and truth;
+nothing is used of an estimator that an operator could not see as well.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ from skyrange.study.series import Happening, happenings, truth_tracks
 from skyrange.study.session import fly
 
 KINDS: Final = ("builtin", "ardupilot")
-"""Who is compared: the operator's name is the autopilot's."""
+"""The kinds of autopilot that are compared; each has an operator of the same name."""
 START_S: Final = 31.0
-"""When the lies begin: all hover by then, and have been up for more than 30 s, before which no EKF failsafe is told."""
+"""When the attacks begin. All aircraft hover by then, and for more than 30 s: no EKF failsafe is raised earlier."""
 SECONDS: Final = 45.0
-"""How long they last: four times `posRetryTimeUseVel_ms`, and long enough for a second reset of most drifts."""
+"""How long they last: four times `posRetryTimeUseVel_ms`, which is enough for a second reset in most drifts."""
 NOISE: Final = 0.01
-"""Of the sensors: so little that both see the same, but receivers that report 5 times a second, late, and claim 1.5 m
-and 0.2 m/s; ideal ones would claim 0.01 m at every tick."""
+"""Scale of the sensor noise: so small that both kinds see the same values, but not 0. With noise, GNSS receivers report
+5 times a second, with a delay, and claim 1.5 m and 0.2 m/s; ideal ones would claim 0.01 m at every tick."""
 APART_M: Final = 2_000.0
-"""Between aircraft: nobody meets anybody, wherever it is led."""
+"""Distance between aircraft, so large that none meets another wherever it is led."""
 ABREAST: Final = 14
 ALT_M: Final = 20.0
 MOVED_M: Final = 2.0
-"""Led so far, and more than `SHARE` of what the other is, an aircraft is elsewhere than the other."""
+"""Two aircraft are led to different places if their distances differ by more than this and by more than `SHARE`."""
 SHARE: Final = 0.1
 RESET_M: Final = 1.5
-"""A smaller reset cannot be told from noise in what ArduPilot reports."""
+"""A smaller reset cannot be distinguished from noise in ArduPilot's reports."""
 TIME_S: Final = 1.0
-"""Resets at most so far apart are at the same time."""
+"""Resets at most this far apart count as simultaneous."""
 
 HOLD: Final = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t-35.363328\t149.1652241\t10\t1
@@ -50,19 +50,19 @@ HOLD: Final = """QGC WPL 110
 2\t0\t3\t16\t{hold:g}\t0\t0\t0\t-35.363328\t149.1652241\t{alt:g}\t1
 3\t0\t3\t21\t0\t0\t0\t0\t-35.363328\t149.1652241\t0\t1
 """
-"""Take-off, a waypoint above it where it waits, landing (MAV_CMD 22, 16, 21)."""
+"""Take-off, a waypoint above it at which the aircraft waits, landing (MAV_CMD 22, 16, 21)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One lie: an attack's kind, `gnss.jump` or `gnss.drift`, and its parameters without `vehicles`."""
+    """One GNSS attack: its kind, `gnss.jump` or `gnss.drift`, and its parameters without `vehicles`."""
 
     kind: str
     params: Mapping[str, Any]
 
     @property
     def words(self) -> str:
-        """It in short, metres and m/s east, north, up."""
+        """A short description, in metres and m/s east, north, up."""
         if self.kind == "gnss.jump":
             return f"jump {_vector(self.params['offset_m'])} m"
         until = f", {self.params['at_largest']} at {self.params['largest_m']:g} m" if "largest_m" in self.params else ""
@@ -71,10 +71,10 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """What one aircraft did. Times in s after the lies' beginning, `None` where it never happened.
+    """Reaction of one aircraft. Times are in s after the attack's beginning, `None` if an event never happened.
 
-    `resets` are jumps of belief of at least `RESET_M`, (time, metres); `led_m` is how far the true aircraft
-    was from its place when the run ended, or, once a failsafe took over, when it did.
+    `resets` are jumps of the estimate of at least `RESET_M`, (time, metres). `led_m` is the true distance from the
+    original position at the end of the run or, if a failsafe took over, at that time.
     """
 
     glitch_s: float | None
@@ -85,12 +85,12 @@ class Reaction:
 
     @property
     def reset_s(self) -> float | None:
-        """When belief first jumped."""
+        """Time of the first reset."""
         return self.resets[0][0] if self.resets else None
 
     @property
     def outcome(self) -> str:
-        """The gravest that applies of ignored, followed, doubted (to the end, or then followed), reset and failsafe."""
+        """The most severe of ignored, followed, doubted, "doubted, then followed", reset and failsafe that applies."""
         if self.failsafe_s is not None:
             return "failsafe"
         if self.resets:
@@ -102,7 +102,7 @@ class Reaction:
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One setting and what the two made of it, in the order of `KINDS`."""
+    """One setting and the reactions of the two, in the order of `KINDS`."""
 
     setting: Setting
     first: Reaction
@@ -110,22 +110,22 @@ class Compared:
 
     @property
     def alike(self) -> bool:
-        """Whether the outcome is the same and the aircraft are led as far, to 2 m or a tenth."""
+        """Whether the outcomes are the same and the aircraft are led equally far, to within 2 m or a tenth."""
         near = abs(self.first.led_m - self.second.led_m) <= max(MOVED_M, SHARE * self.second.led_m)
         return self.first.outcome == self.second.outcome and (near or self.first.outcome == "failsafe")
 
     @property
     def reset_apart_s(self) -> float | None:
-        """How much later the first of `KINDS` was reset; `None` unless both were."""
+        """How much later the first of `KINDS` was reset, in s; `None` unless both were."""
         if self.first.reset_s is None or self.second.reset_s is None:
             return None
         return self.first.reset_s - self.second.reset_s
 
 
 def settings() -> list[Setting]:
-    """A hundred: offsets from 2 m to 1 km, rates from 0.2 to 15 m/s, with true and with fitting velocity, and height.
+    """A hundred settings: offsets of 2 m to 1 km, drifts of 0.2 to 15 m/s with true and consistent velocity, heights.
 
-    Chosen beforehand as a grid, finer about the gates of EKF3 for a receiver that claims 1.5 m and 0.2 m/s.
+    They were chosen in advance as a grid, finer near the gates of EKF3 for a receiver that claims 1.5 m and 0.2 m/s.
     """
     return [*_jumps(), *_drifts()]
 
@@ -154,7 +154,10 @@ def _drift(rate: Sequence[float], velocity: str, **more: Any) -> Setting:
 
 
 def scenario(chosen: Sequence[Setting], mission: Path, rates: str = "reduced") -> Scenario:
-    """Both aircraft of every setting, and the attacks; `mission` is a file of `HOLD`, `rates` are ArduPilot's."""
+    """The scenario with both aircraft of every setting and the attacks.
+
+    `mission` is a file with the mission `HOLD`; `rates` are ArduPilot's.
+    """
     rows = [
         {
             "id": kind,
@@ -199,9 +202,9 @@ def compare(
     *,
     on_progress: OnProgress | None = None,
 ) -> list[Compared]:
-    """Fly the settings, both autopilots in one run, into the run folder `folder`, and read the reactions.
+    """Fly the settings with both autopilots in one run, into the run folder `folder`, and read the reactions.
 
-    `rates` are ArduPilot's. Raises as `session.fly`.
+    `rates` are ArduPilot's. Raises the errors of `session.fly`.
     """
     with TemporaryDirectory() as scratch:
         mission = Path(scratch) / "hold.waypoints"
@@ -211,7 +214,7 @@ def compare(
 
 
 def read(record: RunRecord, chosen: Sequence[Setting]) -> list[Compared]:
-    """The reactions that a run of `scenario` recorded."""
+    """The reactions recorded in a run of `scenario`."""
     events: dict[str, list[Happening]] = {}
     for event in happenings(record, "events"):
         events.setdefault(event.about, []).append(event)
@@ -256,18 +259,18 @@ def _reaction(events: Sequence[Happening], track: Any) -> Reaction:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How many settings ended alike, and how far apart in time first resets were where both were reset."""
+    """Number of settings with equal outcomes, and time differences of the first resets if both were reset."""
 
     settings: int
     alike: int
     resets: int
     together: int
-    """Of `resets`, those at most `TIME_S` apart."""
+    """Number of those resets that were at most `TIME_S` apart."""
     reset_apart_max_s: float
 
 
 def agreement(compared: Sequence[Compared]) -> Agreement:
-    """The whole in five numbers."""
+    """The agreement of all compared settings."""
     apart_s = [abs(one.reset_apart_s) for one in compared if one.reset_apart_s is not None]
     return Agreement(
         settings=len(compared),

@@ -1,4 +1,4 @@
-"""Who heard whom, where, and how strong? The recorded receptions by the radio that truly sent and the receiver."""
+"""Recorded receptions by true sender and receiver, with position and signal strength."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_AIRCRAFT = 40
-"""Of larger fleets only what ground receivers heard is read, since everybody hears everybody."""
+"""For larger fleets only receptions of ground receivers are read, because almost all aircraft receive each other."""
 
 
 @dataclass(frozen=True, slots=True)
 class Receptions:
-    """One row per reception: `sender` and `receiver` are who sent and who heard, `enu_m` (n, 3) where that one was."""
+    """Receptions, one row each: true sender, receiver, and the receiver's position `enu_m` (n, 3)."""
 
     time_ns: Ints
     sender: NDArray[np.str_]
@@ -38,11 +38,11 @@ class Receptions:
 
 @dataclass(frozen=True, slots=True)
 class Hearing:
-    """What one receiver decoded of one sender, of how many recorded receptions.
+    """Receptions of one sender by one receiver: `decoded` of `of` recorded ones.
 
-    Strengths are those of what was decoded, of all where nothing was. `first_s` and `last_s` are when decoded
-    receptions ended, `None` where there was none; `silence_s` is the longest between two, `None` where there was but
-    one.
+    Signal strengths are those of decoded receptions, or of all if none was decoded. `first_s` and `last_s` are the ends
+    of the first and last decoded reception, `None` without one. `silence_s` is the longest time between two, `None`
+    with fewer than two.
     """
 
     receiver: str
@@ -57,7 +57,7 @@ class Hearing:
 
 
 def receptions_of(record: Record, senders: Collection[str]) -> Receptions:
-    """What a run recorded of some senders, in its order."""
+    """The receptions of some senders, in the order recorded."""
     places = ("east_m", "north_m", "up_m")
     links = [link_name("rid_up", sender) for sender in senders]
     found = (
@@ -76,7 +76,7 @@ def receptions_of(record: Record, senders: Collection[str]) -> Receptions:
 
 
 def who_heard_whom(record: Record, receivers: Collection[str] | None = None) -> list[Hearing]:
-    """A row per sender and receiver, in the order of their names; `receivers` reads only what these heard."""
+    """One row per sender and receiver, in order of their names; `receivers` limits the receivers."""
     parts: dict[tuple[str, str], list[tuple[Ints, Floats, NDArray[np.bool_]]]] = {}
     for rows in _read(record, "receiver", receivers):
         link, receiver = (rows.column(name).dictionary_encode() for name in ("link", "receiver"))
@@ -93,7 +93,7 @@ def who_heard_whom(record: Record, receivers: Collection[str] | None = None) -> 
 
 
 def hearings(record: Record) -> list[Hearing]:
-    """Whom each ground receiver decoded, by receiver and sender; then each aircraft of a fleet of `MOST_AIRCRAFT`."""
+    """Senders that each ground receiver decoded, then those that each aircraft did, if at most `MOST_AIRCRAFT`."""
     wanted = [str(row["id"]) for row in record.manifest.get("receivers") or []]
     fleet = [vehicle.id for vehicle in vehicles(record)]
     if len(fleet) <= MOST_AIRCRAFT:
@@ -113,7 +113,7 @@ _NONE = Receptions(
 def _read(
     record: Record, column: str, names: Collection[str] | None, more: Sequence[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """The rows whose `column` is one of `names`, or all, batch by batch; empty batches are left out."""
+    """The rows whose `column` is one of `names` (all rows without names), batch by batch, without empty batches."""
     for batch in record.batches("receptions", ["time_ns", "link", "receiver", "rssi_dbm", "outcome", *more]):
         kept = batch
         if names is not None:
@@ -123,7 +123,7 @@ def _read(
 
 
 def _sender(link: str) -> str:
-    """Whose radio a link leads to: `rid_up:blue/b1` is that of blue/b1."""
+    """The owner of the radio that a link leads to: blue/b1 for `rid_up:blue/b1`."""
     return link.partition(":")[2]
 
 

@@ -1,4 +1,4 @@
-"""How near did aircraft come to each other, and to walls? Closest approaches over the recorded truth."""
+"""Separation: closest approaches between aircraft, and to buildings, over the recorded truth."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 NEAR_M = 10.0
-"""Two aircraft nearer than this, centre to centre, have a near miss: a modelling choice, some 13 widths of an Iris. The
-500 ft by 100 ft of a near mid-air collision in crewed aviation would call every flight in a street one."""
+"""Two aircraft nearer than this, centre to centre, have a near miss. This is a modelling choice, about 13 widths of an
+Iris. By the 500 ft by 100 ft of a near mid-air collision in crewed aviation, every flight in a street would be one."""
 WALLS_M = 30.0
-"""Walls farther than this are not looked for."""
-_MOST_SAMPLES = 300_000  # places that are held against walls: a minute's work at most
+"""Distances to buildings are determined only up to this."""
+_MAX_SAMPLES = 300_000  # positions whose distance to buildings is computed: at most a minute of work
 
 
 class Approaches(NamedTuple):
-    """One row per aircraft, over all ticks at which it was in the air."""
+    """Closest approaches, one row per aircraft, over all ticks at which it was in the air."""
 
     least_m: Floats
-    """(n,) centre to centre in space; infinite where it was never in the air with another."""
+    """(n,) least distance, centre to centre in space; infinite if it was never in the air together with another."""
     nearest: Ints
-    """(n,) to whom; −1 likewise."""
+    """(n,) index of the nearest aircraft; −1 in the same case."""
     tick: Ints
-    """(n,) when; −1 likewise."""
+    """(n,) index of the tick; −1 in the same case."""
     near_misses: Ints
-    """(n,) how often another came nearer than the limit, until they were farther again."""
+    """(n,) number of times that another aircraft came within the limit; one ends when they are farther apart again."""
 
 
 @kernel
@@ -75,10 +75,10 @@ def approaches(enu_m: Floats, aloft: Flags, near_m: float = NEAR_M) -> Approache
 
 
 def least_to_walls_m(enu_m: Floats, aloft: Flags, city: Sequence[Mapping[str, Any]]) -> Floats:
-    """(n,) least distance of each aircraft's centre to a building, in metres; infinite above `WALLS_M`.
+    """(n,) least distance of each aircraft's centre to a building in metres; infinite beyond `WALLS_M`.
 
-    A building is the prism over its outline from its base to its roof. Of long runs with many aircraft every k-th tick
-    is looked at.
+    A building is a prism over its outline from its base to its roof. In long runs with many aircraft only every k-th
+    tick is examined.
     """
     count = aloft.shape[1]
     least_m = np.full(count, np.inf)
@@ -88,7 +88,7 @@ def least_to_walls_m(enu_m: Floats, aloft: Flags, city: Sequence[Mapping[str, An
     tree = shapely.STRtree([shape for shape, _ in rows])
     roofs_m = np.array([float(row.get("height_m") or 0.0) for _, row in rows])
     bases_m = np.array([float(row.get("base_m") or 0.0) for _, row in rows])
-    stride = max(1, aloft.size // _MOST_SAMPLES)
+    stride = max(1, aloft.size // _MAX_SAMPLES)
     for vehicle in range(count):
         places = enu_m[::stride, vehicle][aloft[::stride, vehicle]]
         if not len(places):

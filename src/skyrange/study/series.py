@@ -1,8 +1,7 @@
-"""Where was each aircraft, and where did its operator believe it was? A run's tables as arrays to draw.
+"""Tracks and events of a run as arrays: true positions, believed positions, events, decisions and hostile acts.
 
-Everything that the figures and the report know about a run comes through here. Truth is the world's;
-belief is what an operator's own ground station received about its own aircraft, at the time it received
-it; nothing here mixes the two.
+Figures and reports read a run through this module. Truth is the state of the world. Belief is what an operator's own
+ground station received about its own aircraft, at the time of reception. The two are never mixed.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 POSITION_MESSAGE = "GLOBAL_POSITION_INT"
-"""The MAVLink message (common dialect, id 33) that a ground station's belief of a position is read from."""
+"""The MAVLink message (common dialect, id 33) from which believed positions are read."""
 
 
 class Record(Protocol):
-    """What a run's record must offer to be drawn; `skyrange.record.RunRecord` does."""
+    """The interface of a run's record that figures and measures need; `skyrange.record.RunRecord` implements it."""
 
     @property
     def path(self) -> Path:
@@ -44,21 +43,21 @@ class Record(Protocol):
 
     @property
     def city(self) -> Sequence[Mapping[str, Any]]:
-        """Buildings: `height_m` and `rings` of (east, north) metres, the first ring the outline, the others holes."""
+        """Buildings: `height_m` and `rings` of (east, north) metres, the first ring the outline, others holes."""
         ...
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> Any:
-        """A `pyarrow.Table`, all columns or those named; one without rows where the run recorded none."""
+        """A `pyarrow.Table` with all columns or with `columns`; without rows if the run recorded none."""
         ...
 
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[Any]:
-        """The same rows as `pyarrow.RecordBatch`es, for tables larger than memory."""
+        """The same rows as `pyarrow.RecordBatch`es, for tables that are larger than memory."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """One aircraft as the manifest declares it; `home_enu_m` is `None` where that is not recorded."""
+    """One aircraft as the manifest declares it; `home_enu_m` is `None` if it is not recorded."""
 
     id: str
     operator: str
@@ -69,13 +68,13 @@ class Vehicle:
 
     @property
     def short(self) -> str:
-        """The id without its operator: `b1` of `blue/b1`."""
+        """The id without its operator: `b1` for `blue/b1`."""
         return self.id.split("/", 1)[-1]
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """A path through space and time, one row per sample, times ascending.
+    """Positions over time, one row per sample, in ascending order of time.
 
     `time_ns` (n,) simulated time, `enu_m` (n, 3) position from the origin, `speed_mps` (n,) length of the
     velocity vector.
@@ -90,21 +89,23 @@ class Track:
 
     @property
     def distance_m(self) -> float:
-        """Length of the path through its samples."""
+        """Length in metres of the path through the samples."""
         return float(np.sqrt((np.diff(self.enu_m, axis=0) ** 2).sum(axis=1)).sum()) if len(self) > 1 else 0.0
 
     def until(self, time_ns: int) -> Track:
-        """The samples not after `time_ns`."""
+        """The samples up to and including `time_ns`."""
         count = int(np.searchsorted(self.time_ns, time_ns, side="right"))
         return Track(self.time_ns[:count], self.enu_m[:count], self.speed_mps[:count])
 
     def since(self, time_ns: int) -> Track:
-        """The samples not before `time_ns`."""
+        """The samples from `time_ns` on."""
         count = int(np.searchsorted(self.time_ns, time_ns, side="left"))
         return Track(self.time_ns[count:], self.enu_m[count:], self.speed_mps[count:])
 
     def at(self, time_ns: Ints) -> Floats:
-        """(m, 3) positions at `time_ns` (m,), linear between samples, held before the first and after the last."""
+        """(m, 3) positions at `time_ns` (m,), linear between samples, constant before the first and after the last
+        sample.
+        """
         return np.stack([np.interp(time_ns, self.time_ns, self.enu_m[:, axis]) for axis in range(3)], axis=1)
 
 
@@ -112,7 +113,7 @@ EMPTY_TRACK = Track(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros(0))
 
 
 def operators(record: Record) -> dict[str, str]:
-    """Operator ids in the manifest's order, each with the colour it asks for ("" for none)."""
+    """Operator ids in the manifest's order, each with its declared colour ("" for none)."""
     found = {str(row["id"]): str(row.get("color") or "") for row in record.manifest.get("operators") or []}
     for vehicle in vehicles(record):
         found.setdefault(vehicle.operator, "")
@@ -120,7 +121,7 @@ def operators(record: Record) -> dict[str, str]:
 
 
 def vehicles(record: Record) -> list[Vehicle]:
-    """The aircraft, in the manifest's order; their ids are range-wide (`operator/vehicle`)."""
+    """The aircraft in the manifest's order, with range-wide ids (`operator/vehicle`)."""
     rows = []
     for row in record.manifest.get("vehicles") or []:
         operator = str(row.get("operator") or str(row["id"]).split("/", 1)[0])
@@ -139,19 +140,19 @@ def vehicles(record: Record) -> list[Vehicle]:
 
 
 def truth_tracks(record: Record) -> dict[str, Track]:
-    """Where each aircraft was, by vehicle id; an empty track for one without truth rows."""
+    """The true track of each aircraft by vehicle id; empty for an aircraft without truth rows."""
     names = ("east_m", "north_m", "up_m", "vel_east_mps", "vel_north_mps", "vel_up_mps")
     parts: dict[str, list[tuple[Ints, Floats]]] = {}
     for batch in record.batches("truth", ["time_ns", "vehicle", *names]):
-        _deal(parts, batch, batch.column("vehicle"), names)
+        _append_rows(parts, batch, batch.column("vehicle"), names)
     return _tracks(record, parts, lambda rows: (rows[:, :3], rows[:, 3:]))
 
 
 def belief_tracks(record: Record) -> dict[str, Track]:
-    """Where each aircraft's own ground station believed it to be, by vehicle id.
+    """The track of each aircraft as its own ground station believed it, by vehicle id.
 
-    Read from the GLOBAL_POSITION_INT messages that reached it: `lat`, `lon` in 1e-7 degrees, `alt` in
-    millimetres above mean sea level, `vx`, `vy`, `vz` in cm/s; each sample stands at the time of reception.
+    It is read from the GLOBAL_POSITION_INT messages that the station received: `lat`, `lon` in 1e-7 degrees, `alt` in
+    millimetres above mean sea level, `vx`, `vy`, `vz` in cm/s. The time of a sample is the time of reception.
     """
     names = ("lat", "lon", "alt", "vx", "vy", "vz")
     parts: dict[str, list[tuple[Ints, Floats]]] = {}
@@ -159,9 +160,9 @@ def belief_tracks(record: Record) -> dict[str, Track]:
         for batch in record.batches("telemetry", ["time_ns", "operator", "vehicle", "message", *names]):
             heard = batch.filter(pc.equal(batch.column("message"), POSITION_MESSAGE))
             own = pc.equal(heard.column("operator"), pc.replace_substring_regex(heard.column("vehicle"), "/.*", ""))
-            heard = heard.filter(own)  # an operator's picture holds its own aircraft only
-            _deal(parts, heard, heard.column("vehicle"), names)
-    except KeyError:  # telemetry has a column for each field that was received, and these never were
+            heard = heard.filter(own)  # an operator's belief covers only its own aircraft
+            _append_rows(parts, heard, heard.column("vehicle"), names)
+    except KeyError:  # telemetry has a column for each field received; these fields were never received
         parts = {}
     declared = record.manifest.get("origin") or {}
     origin = Origin(float(declared.get("lat_deg", 0.0)), float(declared.get("lon_deg", 0.0)))
@@ -175,9 +176,9 @@ def belief_tracks(record: Record) -> dict[str, Track]:
 
 
 def gaps_m(truth: Track, belief: Track) -> Floats:
-    """(n,) metres between belief and truth at each moment of reception, latency therefore included.
+    """(n,) distance in metres between belief and truth at each time of reception, which includes latency.
 
-    Zeros where either is empty.
+    Zeros if either track is empty.
     """
     if not len(truth) or not len(belief):
         return np.zeros(len(belief))
@@ -187,7 +188,7 @@ def gaps_m(truth: Track, belief: Track) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Happening:
-    """One row of the events, decisions or labels: when, what, about whom, said by whom, and its details."""
+    """One row of events, decisions or labels: time, kind, subject, source and details."""
 
     time_ns: int
     kind: str
@@ -198,7 +199,7 @@ class Happening:
 
 
 def happenings(record: Record, name: str) -> list[Happening]:
-    """The rows of `events` or `decisions`, in time order; details that are no JSON object stand under `text`."""
+    """The rows of `events` or `decisions` in order of time; details that are not a JSON object are under `text`."""
     rows = record.table(name).sort_by("time_ns").to_pylist()
     return [
         Happening(
@@ -214,7 +215,7 @@ def happenings(record: Record, name: str) -> list[Happening]:
 
 
 def hostile_acts(record: Record) -> list[Happening]:
-    """The labels as happenings of kind `attack.<action>` about the owner of the link that was acted on."""
+    """The labels as rows of kind `attack.<action>` about the owner of the link that was acted on."""
     acts = []
     for row in record.table("labels").sort_by("at_ns").to_pylist():
         frame = _text(row.get("frame"))
@@ -231,18 +232,18 @@ def hostile_acts(record: Record) -> list[Happening]:
 
 
 def end_ns(record: Record, tracks: Iterable[Track]) -> int:
-    """The last simulated moment that the record knows of, at least 1 s."""
+    """The last simulated time in the record, at least 1 s."""
     last = max((int(track.time_ns[-1]) for track in tracks if len(track)), default=0)
     declared = record.manifest.get("simulated_s")
     return max(last, int(float(declared) * NS_PER_S) if declared else 0, NS_PER_S)
 
 
 MOVING_MPS = 0.2
-"""Slower than this an aircraft counts as standing still."""
+"""An aircraft slower than this counts as stationary."""
 
 
 def calm_ns(tracks: Iterable[Track], rows: Iterable[Happening]) -> int | None:
-    """The last moment at which an aircraft moved or something was noted; `None` where neither ever was."""
+    """The last time at which an aircraft moved or something was noted; `None` if neither happened."""
     moments = [row.time_ns for row in rows]
     for track in tracks:
         moving = np.flatnonzero(track.speed_mps > MOVING_MPS)
@@ -252,7 +253,7 @@ def calm_ns(tracks: Iterable[Track], rows: Iterable[Happening]) -> int | None:
 
 
 def _owner(frame: str) -> str:
-    """Whose link a frame crossed: `blue/b1` for one on `gcs:blue/b1`; "" for what is no frame id."""
+    """The owner of a frame's link: `blue/b1` for a frame on `gcs:blue/b1`; "" for an invalid frame id."""
     try:
         return FrameId.parse(frame).link.partition(":")[2]
     except ValueError:
@@ -260,7 +261,7 @@ def _owner(frame: str) -> str:
 
 
 def _text(value: object) -> str:
-    """A scalar as it is, anything structured as JSON, nothing as ""."""
+    """A value as text: strings unchanged, `None` as "", anything else as JSON."""
     if value is None:
         return ""
     return value if isinstance(value, str) else json.dumps(value, default=str)
@@ -274,8 +275,8 @@ def _details(text: object) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {"text": value}
 
 
-def _deal(parts: dict[str, list[tuple[Ints, Floats]]], batch: Any, keys: Any, names: Sequence[str]) -> None:
-    """Append the times and values of a batch to the parts of the vehicles that its rows are about."""
+def _append_rows(parts: dict[str, list[tuple[Ints, Floats]]], batch: Any, keys: Any, names: Sequence[str]) -> None:
+    """Append the times and values of a batch to the parts of the vehicles that the rows concern."""
     codes = keys.dictionary_encode()
     index = codes.indices.to_numpy(zero_copy_only=False)
     time_ns = batch.column("time_ns").to_numpy(zero_copy_only=False)
@@ -293,7 +294,7 @@ def _tracks(
     parts: Mapping[str, list[tuple[Ints, Floats]]],
     local: Callable[[Floats], tuple[Floats, Floats]],
 ) -> dict[str, Track]:
-    """A track per declared aircraft; `local` makes ENU positions and velocities of the collected values."""
+    """One track per declared aircraft; `local` converts the collected values to ENU positions and velocities."""
     found = {vehicle.id: EMPTY_TRACK for vehicle in vehicles(record)}
     for name in found:
         if name in parts:

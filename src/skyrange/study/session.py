@@ -1,4 +1,4 @@
-"""Runs of scenarios: one call flies a scenario and returns its record, with its report."""
+"""Running a scenario from Python: the run's record, with its report."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ def fly(
     report: bool = True,
     motion: bool = False,
 ) -> RunRecord:
-    """Run `scenario` into the folder `out`, or the first free one of `runs/NAME`, and write its report.
+    """Run `scenario` into the folder `out`, or into the first free folder `runs/NAME`, `runs/NAME-2` …, with a report.
 
-    `speed` is that of `Run.execute`; without one a run that is watched goes in real time, or at the pace of engines
-    that have one, and any other as fast as it goes. `taps`, `attacks` and `monitors` are placed on its links.
-    `observers` see everything and alter nothing. `viewers` are served between steps; closing them is the caller's.
-    `motion` is that of `Run.start`. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as
-    well.
+    `speed` is that of `Run.execute`. Without it, a run with viewers runs in real time, or at the pace of engines that
+    have one, and any other run as fast as possible. `taps`, `attacks` and `monitors` are placed on the scenario's
+    links. `observers` see everything and alter nothing. `viewers` are served between steps; the caller closes them.
+    `motion` is that of `Run.start`. Raises the errors of `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is
+    written as well.
     """
     asked = 0.0 if speed is None else speed
-    Pace(asked)  # refuses what is no speed before there is a folder
+    Pace(asked)  # rejects an invalid speed before a folder is created
     if viewers is None:
         run = Run.start(
             scenario,
@@ -112,14 +112,14 @@ def run(
     on_progress: OnProgress | None = None,
     motion: bool = False,
 ) -> RunRecord:
-    """Fly a scenario and return its record; the Python spelling of `skyrange run`.
+    """Run a scenario and return its record; the Python equivalent of `skyrange run`.
 
-    `scenario` is a `Scenario`, a shipped scenario's name, or a TOML file. `out` defaults to the first
-    free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
-    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps`, `attacks` and `monitors` are
-    placed on its links by name or pattern. `observers` (`agent.contracts.Observer`) see every frame, note, label and
-    tick, and alter nothing. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best at `speed` 1.
-    `motion` is `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles be moved.
+    `scenario` is a `Scenario`, the name of a shipped scenario, or a TOML file. `out` defaults to the first free folder
+    of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as for `--set`) apply to names
+    and files; a `Scenario` is run unchanged. `taps`, `attacks` and `monitors` are placed on links by name or pattern.
+    `observers` (`agent.contracts.Observer`) see every frame, note, label and tick, and alter nothing. `viewers`
+    (`runtime.viewers.Viewers`) let ground stations watch, preferably at `speed` 1. `motion` is `--allow-motion`:
+    together with the scenario's `allow_motion` it lets external vehicles move.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:

@@ -1,8 +1,8 @@
-"""How sure is a mean of a few runs? Its 95 % interval by Student's t distribution.
+"""Confidence interval of a mean over seeds, by Student's t distribution at 95 %.
 
-Each seed is one independent sample, and what is averaged is the difference of two runs of the same seed: a paired
-comparison. With n samples, mean m and standard deviation s (n − 1 in the denominator) the interval is m ± t s/√n, t the
-0.975 quantile with n − 1 degrees of freedom. It presumes that the mean is about normal.
+Each seed is one independent sample. The averaged quantity is the difference of two runs of the same seed, so this is a
+paired comparison. With n samples, mean m and standard deviation s (n − 1 in the denominator), the interval is
+m ± t s/√n, where t is the 0.975 quantile with n − 1 degrees of freedom. The mean is assumed to be about normal.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ CONFIDENCE = 0.95
 
 
 class Interval(NamedTuple):
-    """A mean and its interval; `low` and `high` are None with fewer than two samples."""
+    """A mean and its confidence interval; `low` and `high` are `None` with fewer than two samples."""
 
     n: int
     mean: float
@@ -25,12 +25,12 @@ class Interval(NamedTuple):
 
     @property
     def clear(self) -> bool:
-        """Whether the interval leaves zero out."""
+        """Whether the interval excludes zero."""
         return self.low is not None and self.high is not None and (self.low > 0.0 or self.high < 0.0)
 
 
 def interval(samples: Sequence[float]) -> Interval | None:
-    """The mean of `samples` and its 95 % interval; None without any."""
+    """The mean of `samples` and its 95 % interval; `None` without samples."""
     n = len(samples)
     if n == 0:
         return None
@@ -44,7 +44,7 @@ def interval(samples: Sequence[float]) -> Interval | None:
 
 @cache
 def t_quantile(p: float, freedom: int) -> float:
-    """Which t has P(T ≤ t) = p, for 0.5 < p < 1 and whole degrees of freedom ≥ 1; by bisection, to 1e-12 relative."""
+    """The t with P(T ≤ t) = p, for 0.5 < p < 1 and whole degrees of freedom ≥ 1; by bisection, to 1e-12 relative."""
     low, high = 0.0, 1.0
     while _t_within(high, freedom) < 2 * p - 1:
         low, high = high, 2 * high

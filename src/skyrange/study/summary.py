@@ -1,4 +1,4 @@
-"""What does one want to know first about a run? Its facts as plain data, for people and for scripts."""
+"""Summary of a run as plain data, for the terminal and for scripts."""
 
 from __future__ import annotations
 
@@ -12,19 +12,18 @@ from skyrange.study.series import EMPTY_TRACK, happenings, truth_tracks
 
 
 def summary(record: RunRecord) -> dict[str, Any]:
-    """The run's facts; works on killed and empty runs.
+    """The summary of a run; works for killed and empty runs too.
 
-    Per vehicle: `outcome` (complete, failed or unfinished) with `reason` (what its ground station made of it) and
-    `finished_s`; `mishap`, its first collision or crash in words, `None` without one;
-    `distance_m` and `highest_m` from the recorded truth (so of its sampling rate); how many frames of
-    its autopilot were sent on the `gcs` link towards its ground station and how many arrived there.
-    `mishaps` are collisions (once for both), crashes, fence breaches and failsafes in time order, with their event's
-    details.
+    Per vehicle: `outcome` (complete, failed or unfinished) with `reason` (as its ground station gives it) and
+    `finished_s`; `mishap`, its first collision or crash in words, `None` without one; `distance_m` and `highest_m`
+    from the recorded truth, which depend on its sampling rate; the numbers of frames that were sent on the `gcs` link
+    towards its ground station and that arrived there. `mishaps` are collisions (once for both aircraft), crashes,
+    fence breaches and failsafes in order of time, with the details of their events.
     """
     manifest = record.manifest
     tracks = truth_tracks(record)
     links = link_stats(record)
-    up = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "rev")}
+    downlinks = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "rev")}
     outcomes = record.outcomes
     events = happenings(record, "events")
     ends = undoing(events)
@@ -33,7 +32,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         name = vehicle["id"]
         outcome = outcomes.get(name, {})
         track = tracks.get(name, EMPTY_TRACK)
-        to_station = up.get(name)
+        downlink = downlinks.get(name)
         vehicles.append(
             {
                 "id": name,
@@ -45,8 +44,8 @@ def summary(record: RunRecord) -> dict[str, Any]:
                 "mishap": ends.get(name),
                 "distance_m": round(track.distance_m, 3),
                 "highest_m": round(float(track.enu_m[:, 2].max(initial=0.0)), 3),
-                "frames_sent": to_station.sent if to_station else 0,
-                "frames_received": to_station.delivered if to_station else 0,
+                "frames_sent": downlink.sent if downlink else 0,
+                "frames_received": downlink.delivered if downlink else 0,
             }
         )
     mishaps = [

@@ -1,8 +1,9 @@
-"""Which samples of a track must a drawing keep? Those without which its path or its timing would visibly change.
+"""Simplification of tracks: keeps the samples without which the path or its timing would visibly change.
 
-Top-down splitting (Douglas & Peucker, 1973) with the distance taken at equal time rather than at right angles
-("synchronised Euclidean distance", Meratnia & de By, EDBT 2004), so that an animation of the thinned track is
-as true as its line. Splitting goes worst first, so a budget of samples is spent where it matters.
+The method is top-down splitting (Douglas & Peucker, 1973) with the distance taken at equal time rather than at right
+angles ("synchronised Euclidean distance", Meratnia & de By, EDBT 2004), so that an animation of the simplified track is
+as accurate as its line. The segment with the largest error is split first, so a limited number of samples is spent
+where it matters.
 """
 
 from __future__ import annotations
@@ -19,15 +20,15 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 STRIDE_ABOVE = 8_000
-"""Longer tracks are first sampled down to this many evenly spaced rows, which bounds the work."""
+"""Longer tracks are first reduced to this many evenly spaced rows, which bounds the computation."""
 
 
 def kept_rows(time_ns: Ints, values: Floats, budget: int, tolerance: float) -> Ints:
-    """Ascending row numbers of the samples to keep.
+    """Row numbers of the samples to keep, in ascending order.
 
-    `time_ns` (n,) ascending; `values` (n, k) in comparable units; at most `budget` (≥ 2) rows. Where the budget
-    suffices, no dropped sample is further than `tolerance` (the unit of `values`, ≥ 0) from the thinned track at
-    its own time.
+    `time_ns` (n,) is ascending, `values` (n, k) are in comparable units, and at most `budget` (≥ 2) rows are kept. If
+    the budget suffices, no dropped sample is farther than `tolerance` (≥ 0, in the unit of `values`) from the
+    simplified track at its own time.
     """
     count = int(time_ns.shape[0])
     if count <= 2:
@@ -41,7 +42,7 @@ def kept_rows(time_ns: Ints, values: Floats, budget: int, tolerance: float) -> I
 
 @kernel
 def _kept(times: Floats, points: Floats, budget: int, tolerance: float) -> Ints:
-    """Row numbers, ascending, of the samples (n,) of which to keep at most `budget`."""
+    """Row numbers of at most `budget` samples to keep, in ascending order."""
     last = len(times) - 1
     keep = np.zeros(len(times), dtype=np.bool_)
     keep[0] = keep[last] = True
@@ -62,7 +63,7 @@ def _kept(times: Floats, points: Floats, budget: int, tolerance: float) -> Ints:
 
 @kernel
 def _worst(times: Floats, points: Floats, first: int, last: int) -> tuple[float, int, int, int]:
-    """The worst departure between two kept samples from the straight line in time: (-distance, first, row, last)."""
+    """The sample between two kept ones that is farthest from the line in time: (-distance, first, row, last)."""
     span = times[last] - times[first]
     found, most = first + 1, -1.0
     for row in range(first + 1, last):

@@ -1,4 +1,4 @@
-"""Which positions was each aircraft told to fly to? Read from the frames that reached it, not from a plan."""
+"""Waypoints that each aircraft received, read from delivered frames rather than from the plan."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _LATLON_TYPEMASK = 0b111
 
 
 def uploaded(record: Record) -> dict[str, Floats]:
-    """(n, 3) ENU metres by vehicle id, in the order received, repeats left out.
+    """(n, 3) ENU metres by vehicle id, in the order received, without duplicates.
 
-    From MISSION_ITEM_INT (navigation commands with a position; item 0 is ArduPilot's home and is skipped) and
-    SET_POSITION_TARGET_GLOBAL_INT frames delivered on `gcs:` links. Altitudes "above terrain" are read as above home,
-    for the ground is flat.
+    They are read from MISSION_ITEM_INT (navigation commands with a position; item 0, ArduPilot's home, is skipped) and
+    SET_POSITION_TARGET_GLOBAL_INT frames delivered on `gcs:` links. Altitudes above terrain are read as altitudes above
+    home, because the ground is flat.
     """
     numbers = (dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT, dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT)
     # MAVLink 2: 0xFD first, message id in bytes 7…9, little endian (mavlink.io, "Packet Serialization")
@@ -67,7 +67,7 @@ def _origin(record: Record) -> tuple[Origin, float]:
 
 
 def _position(payload: bytes, origin: Origin, ground_m: float) -> tuple[float, float, float] | None:
-    """ENU metres that a frame commands, or `None` where it commands no position or is damaged."""
+    """The position in ENU metres that a frame commands, or `None` if it commands none or is damaged."""
     try:
         message: Any = decode(payload)
     except DecodeError:

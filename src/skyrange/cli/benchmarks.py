@@ -1,0 +1,82 @@
+"""The commands `skyrange bench fleet`, `bench ardupilot` and `bench radio`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from skyrange.cli.console import print_json
+
+
+def bench_fleet(
+    vehicles: Sequence[int], seconds: float, load: str, remote_id: bool, detector: bool, as_json: bool
+) -> None:
+    """`skyrange bench fleet`."""
+    from skyrange.bench.fleet import PARTS, measure
+
+    rows = []
+    if not as_json:
+        print(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
+    for count in vehicles:
+        row = measure(count, seconds, load, remote_id, detector)
+        rows.append(row)
+        if not as_json:
+            shares = " · ".join(f"{part} {row['share'][part]:.0%}" for part in PARTS)
+            print(
+                f"{count:>8} {row['real_time_factor']:>11.2f} {row['cpu_s']:>7.2f} {row['memory_mb']:>9.0f}  {shares}",
+                flush=True,
+            )
+    if as_json:
+        print_json(rows)
+
+
+def bench_ardupilot(
+    vehicles: Sequence[int],
+    seconds: float,
+    load: str,
+    rates: str,
+    physics: str,
+    speedup: float,
+    remote_id: bool,
+    as_json: bool,
+) -> None:
+    """`skyrange bench ardupilot`."""
+    from skyrange.bench.ardupilot import measure
+
+    rows = []
+    if not as_json:
+        heads = f"{'aircraft':>8} {'loop Hz':>7} {'× real time':>11} {'ArduPilots cpu s':>16} {'ours cpu s':>10}"
+        print(f"{heads} {'bare cpu s':>10} {'ours/bare':>9} {'per core':>8}")
+    for count in vehicles:
+        row = measure(count, seconds, load, rates, physics, speedup, remote_id)
+        rows.append(row)
+        if not as_json:
+            print(
+                f"{count:>8} {row['loop_hz']:>7.0f} {row['real_time_factor']:>11.2f} {row['autopilots_cpu_s']:>16.2f} "
+                f"{row['ours_cpu_s']:>10.2f} {row['bare_cpu_s']:>10.2f} {row['ours_over_bare']:>9.2f} "
+                f"{row['per_core']:>8.1f}",
+                flush=True,
+            )
+    if as_json:
+        print_json(rows)
+
+
+def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json: bool) -> None:
+    """`skyrange bench radio`."""
+    from skyrange.bench.radio import measure
+
+    rows = []
+    if not as_json:
+        heads = f"{'nodes':>8} {'× real time':>11} {'µs/node·s':>9} {'sent/s':>9} {'heard/s':>9}"
+        print(f"{heads} {'heard by':>8} {'sight lines':>11}")
+    for count in nodes:
+        row = measure(count, seconds, horizon_m)
+        rows.append(row)
+        if not as_json:
+            print(
+                f"{count:>8} {row['real_time_factor']:>11.2f} {row['us_per_node_s']:>9.1f} "
+                f"{row['transmissions_per_s']:>9.0f} {row['receptions_per_s']:>9.0f} {row['heard_by']:>8.1f} "
+                f"{row['line_of_sight_share']:>11.0%}",
+                flush=True,
+            )
+    if as_json:
+        print_json(rows)

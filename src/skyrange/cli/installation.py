@@ -1,0 +1,51 @@
+"""The commands `skyrange doctor` and `skyrange install`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from skyrange.cli.console import print_json
+from skyrange.core.errors import InputError
+
+
+def doctor(as_json: bool) -> None:
+    """`skyrange doctor`."""
+    from skyrange.doctor import examine
+
+    findings = examine()
+    if as_json:
+        print_json([finding.to_dict() for finding in findings])
+    else:
+        for finding in findings:
+            print(f"{'ok ' if finding.ok else '-- ' if finding.optional else '!! '} {finding.subject}: {finding.found}")
+            if finding.hint:
+                print(f"    {finding.hint}")
+    if not all(finding.ok or finding.optional for finding in findings):
+        sys.exit(3)
+
+
+def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -> None:
+    """`skyrange install ardupilot`."""
+    from skyrange.cli.progress import transfer
+    from skyrange.install.ardupilot import install
+    from skyrange.vehicle.ardupilot.binary import find
+
+    with transfer("arducopter", quiet=as_json) as on_progress:
+        made = install(version, source.expanduser() if source is not None else None, on_progress)
+    binary = made.binary
+    facts = {"version": binary.version, "path": str(binary.path), "sha256": binary.sha256, "from": made.origin}
+    if as_json:
+        print_json(facts)
+    else:
+        print(f"installed ArduCopter {binary.version}")
+        for key in ("path", "sha256", "from"):
+            print(f"{key:<6} {facts[key]}")
+    try:
+        first = find()
+    except InputError as error:
+        print(f"runs would use another binary, which is not usable: {error}", file=sys.stderr)
+    else:
+        if first.path != binary.path:
+            where = "newer" if first.source == "installed" else f"of {first.source}"
+            print(f"what flies is another, {where}: ArduCopter {first.version}, {first.path}", file=sys.stderr)

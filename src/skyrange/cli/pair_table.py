@@ -1,0 +1,72 @@
+"""Result of a pair on the terminal: the aircraft that departed from the twin, and means over seeds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skyrange.cli.console import terminal
+from skyrange.cli.summary import MAX_AIRCRAFT
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from skyrange.study.pair_folder import Pair
+
+
+def print_pair(result: Pair) -> None:
+    """Print the aircraft that departed from the twin, and means over seeds if there are several."""
+    from rich.table import Table
+
+    console = terminal()
+    rows = [row for row in result.effects.to_pylist() if row["against"] == result.reference]
+    own = [row for row in rows if row["seed"] == result.seeds[0] and row["departed_s"] is not None]
+    table = Table(
+        title=f"{result.manifest['name']}: attacked against {result.reference}, seed {result.seeds[0]}",
+        title_justify="left", title_style="bold",
+    )  # fmt: skip
+    for column in ("aircraft", "mission", "departs", "by", "delay", "distance", "energy"):
+        left = column in ("aircraft", "mission")
+        table.add_column(column, justify="left" if left else "right", no_wrap=True)
+    for row in sorted(own, key=lambda row: -row["departure_m"])[:MAX_AIRCRAFT]:
+        table.add_row(
+            row["vehicle"],
+            row["outcome"],
+            f"{row['departed_s']:.1f} s",
+            f"{row['departure_m']:.1f} m",
+            "–" if row["delay_s"] is None else f"{row['delay_s']:+.1f} s",
+            f"{row['extra_distance_m']:+.1f} m",
+            "–" if row["extra_energy_j"] is None else f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
+        )
+    if own:
+        console.print(table)
+    else:
+        threshold_m = result.manifest["threshold_m"]
+        console.print(f"no aircraft was farther than {threshold_m:g} m from its position in the twin")
+    for row in own:
+        if row["outcome"] != row["outcome_twin"]:
+            console.print(
+                f"{row['vehicle']}: {row['outcome_twin']} in the twin, {row['outcome']} attacked", markup=False
+            )
+        for what in ("near_misses", "collisions"):
+            if row[what] != row[f"{what}_twin"]:
+                text = what.replace("_", " ")
+                console.print(f"{row['vehicle']}: {row[f'{what}_twin']} {text} in the twin, {row[what]} attacked")
+    if len(result.seeds) > 1:
+        _print_intervals(console, result, {row["vehicle"] for row in rows if row["departed_s"] is not None})
+    acts = sum(row["phase"] in ("onset", "act") for row in result.propagation.to_pylist())
+    console.print(f"{acts:,} hostile acts labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}")
+    console.print(f"pair   {result.path}", soft_wrap=True, markup=False)
+    console.print(f"report {result.report}", soft_wrap=True, markup=False)
+
+
+def _print_intervals(console: Console, result: Pair, affected: set[str]) -> None:
+    """Print means over seeds with their 95 % confidence intervals."""
+    for vehicle, own in result.intervals().items():
+        if vehicle not in affected:
+            continue
+        text = [
+            f"{key} {one.mean:+.2f} [{one.low:+.2f}, {one.high:+.2f}]"
+            for key, one in own.items()
+            if one.low is not None and one.high is not None
+        ]
+        console.print(f"{vehicle}, mean of {len(result.seeds)} seeds, 95 %: {'; '.join(text)}", markup=False)

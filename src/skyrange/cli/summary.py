@@ -1,0 +1,87 @@
+"""Summary of a run on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from skyrange.cli.console import terminal
+
+if TYPE_CHECKING:
+    from rich.console import Console
+MAX_AIRCRAFT = 60
+"""Rows of the table; for a larger fleet there is one row per operator, and one per aircraft that did not complete."""
+
+MAX_MISHAPS = 12
+"""Number of mishaps that are printed; the record and its report contain all."""
+
+
+def print_summary(facts: dict[str, Any]) -> None:
+    """Print the summary of a run."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = terminal()
+    title = f"{escape(facts['name'])} · {facts['status']}"
+    rows = facts["vehicles"]
+    if len(rows) > MAX_AIRCRAFT:
+        _print_operators(console, title, rows)
+        rows = [row for row in rows if row["outcome"] != "complete"]
+        title = f"not complete: {len(rows)}" + (f", the first {MAX_AIRCRAFT}" if len(rows) > MAX_AIRCRAFT else "")
+    if rows:
+        aircraft = Table(title=title, title_justify="left", title_style="bold")
+        for column in ("aircraft", "outcome", "finished", "flown", "highest", "frames to ground station"):
+            aircraft.add_column(column, justify="left" if column in ("aircraft", "outcome") else "right")
+        for row in rows[:MAX_AIRCRAFT]:
+            good = row["outcome"] == "complete"
+            why = row["mishap"] or row["reason"]
+            reason = f" ({escape(why)})" if why and not good else ""
+            aircraft.add_row(
+                row["id"],
+                f"[{'green' if good else 'yellow'}]{row['outcome']}[/]{reason}",
+                "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
+                f"{row['distance_m']:.0f} m",
+                f"{row['highest_m']:.1f} m",
+                f"{row['frames_received']:,} of {row['frames_sent']:,}",
+            )
+        console.print(aircraft)
+    _print_mishaps(console, facts["mishaps"])
+    timings = facts["timings"]
+    factor = timings.get("real_time_factor")
+    wall_s = timings.get("wall_s")
+    pace = f" in {wall_s:.1f} s, {factor:.0f}× real time" if wall_s and factor else ""
+    console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
+    if facts["fingerprint"]:
+        console.print(f"fingerprint {facts['fingerprint']}")
+    console.print(f"run    {facts['path']}", soft_wrap=True, markup=False)
+    if facts["report"]:
+        console.print(f"report {facts['report']}", soft_wrap=True, markup=False)
+
+
+def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]]) -> None:
+    """Print one row per operator: number of complete missions, and distances flown."""
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", title_style="bold")
+    for column in ("operator", "aircraft", "complete", "last finished", "flown, mean", "highest"):
+        table.add_column(column, justify="left" if column == "operator" else "right")
+    for name in dict.fromkeys(row["operator"] for row in rows):
+        own = [row for row in rows if row["operator"] == name]
+        finished = [row["finished_s"] for row in own if row["finished_s"] is not None]
+        table.add_row(
+            name,
+            f"{len(own):,}",
+            f"{sum(row['outcome'] == 'complete' for row in own):,}",
+            f"{max(finished):.1f} s" if finished else "–",
+            f"{sum(row['distance_m'] for row in own) / len(own):.0f} m",
+            f"{max(row['highest_m'] for row in own):.1f} m",
+        )
+    console.print(table)
+
+
+def _print_mishaps(console: Console, mishaps: Sequence[dict[str, Any]]) -> None:
+    """Print collisions, crashes, fence breaches and failsafes, one per line."""
+    for mishap in mishaps[:MAX_MISHAPS]:
+        console.print(f"[red]![/] {mishap['words']}", markup=True)
+    if len(mishaps) > MAX_MISHAPS:
+        console.print(f"[red]![/] and {len(mishaps) - MAX_MISHAPS} more; the report shows all")
