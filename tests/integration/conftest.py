@@ -1,8 +1,11 @@
-"""What have tests of flights in common?"""
+"""Fixtures of the tests of flights."""
 
 from __future__ import annotations
 
+import fcntl
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -15,3 +18,11 @@ def before() -> Iterator[set[int]]:
     others = programs()
     yield others
     assert programs() - others == set()
+
+
+@pytest.fixture
+def networks() -> Iterator[None]:
+    """No other test process makes networks meanwhile, for a test that sees all networks of the machine."""
+    with (Path(tempfile.gettempdir()) / "skyrange-test-networks").open("ab") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
