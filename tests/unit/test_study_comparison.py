@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from skyrange.study.palette import shades
+from skyrange.study.reception_map import draw_reception_map
 from skyrange.study.receptions import Hearing, hearings, receptions_of, who_heard_whom
 from skyrange.study.report import believing, chain, effecttable, hearing
 from skyrange.study.series import Track, Vehicle
@@ -258,7 +259,7 @@ def test_what_was_heard_in_several_batches_is_one_row(tmp_path: Path) -> None:
 
 def test_the_map_has_a_dot_per_reception_of_the_attackers(tmp_path: Path) -> None:
     hostile = receptions_of(heard(tmp_path), ["ghost"])
-    drawn = hearing.draw_reception_map(SUBJECT, hostile, {"ghost.radio": (10.0, 0.0, 2.0)}).svg
+    drawn = draw_reception_map(SUBJECT, hostile, {"ghost.radio": (10.0, 0.0, 2.0)}).svg
     assert drawn.count("hears ghost") == 3
     assert "hears a/1" not in drawn
     assert drawn.count('r="3.4" fill="none"') == 1, "what was not decoded is hollow"

@@ -13,6 +13,7 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
 from skyrange.study.marks import marks
 from skyrange.study.pair_folder import Pair
+from skyrange.study.reception_map import draw_reception_map
 from skyrange.study.receptions import receptions_of, who_heard_whom
 from skyrange.study.report import believing, chain, effecttable, hearing, words
 from skyrange.study.report.page import ink_rules
@@ -233,5 +234,5 @@ def _receptions(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -
     if not rows:
         return None
     hostile = receptions_of(run, [row["id"] for row in _declared(run) if row.get("radios")])
-    drawing = hearing.draw_reception_map(subject, hostile, places) if len(hostile) else None
+    drawing = draw_reception_map(subject, hostile, places) if len(hostile) else None
     return {"map": drawing, "table": hearing.render_receptions(rows)}

@@ -8,7 +8,7 @@ from typing import Any
 from markupsafe import Markup
 
 from skyrange.core.time import NS_PER_S
-from skyrange.study import figures
+from skyrange.study import run_figures
 from skyrange.study.palette import Ink
 from skyrange.study.report import hearing, linktable, sections, timeline, words
 from skyrange.study.report.embedded import pack_scene
@@ -37,12 +37,12 @@ def render_run(record: Record) -> str:
         warning=sections.warning(run),
         **sections.identity(run),
         numbers=sections.numbers(run),
-        overview=figures.draw_overview(run.subject, run.truth, run.marks),
+        overview=run_figures.draw_overview(run.subject, run.truth, run.marks),
         outcomes=sections.render_outcomes(run),
         panels=_panels(run),
-        plan=figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks),
+        plan=run_figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks),
         marked=bool(run.marks),
-        altitude=figures.draw_altitude(run.subject, run.truth),
+        altitude=run_figures.draw_altitude(run.subject, run.truth),
         gaps=sections.render_gaps(run),
         quiet=timeline.quiet_end(run),
         recorded=words.duration(run.recorded_ns / NS_PER_S),
@@ -67,7 +67,7 @@ def _panels(run: RunContents) -> Sequence[Mapping[str, Any]]:
                 "operator": operator,
                 "aircraft": len(own),
                 "positions": sum(each.positions for each in run.flights if each.vehicle.operator == operator),
-                "drawing": figures.draw_boxes(
+                "drawing": run_figures.draw_boxes(
                     run.subject, run.belief, [operator] if own else [], "belief", titled=False
                 ),
             }

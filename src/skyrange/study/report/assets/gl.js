@@ -46,30 +46,43 @@ const glRenderer = (canvas) => {
   } catch {
     return null;
   }
-  const buffer = (data) => {
+  const buffer = (data, target = gl.ARRAY_BUFFER) => {
     const made = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, made);
-    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+    gl.bindBuffer(target, made);
+    gl.bufferData(target, data, gl.STATIC_DRAW);
     return made;
   };
   const mesh = cityMesh(RUN.buildings);
   const square = buffer(new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]));
   const solid = buffer(mesh.solid), edges = buffer(mesh.edges);
-  const corners = buffer(new Float32Array([0, -1, 1, -1, 0, 1, 1, 1]));
+  // Two triangles per segment: four corners, each with both ends. Renderers in software are slow with instances.
   const strip = (track) => {
-    const data = new Float32Array(track.size * 4);
-    for (let i = 0; i < track.size; i++) data.set([track.e[i], track.n[i], track.u[i], track.t[i]], i * 4);
-    return { count: Math.max(0, track.size - 1), buffer: buffer(data) };
+    const count = Math.max(0, track.size - 1), data = new Float32Array(count * 40);
+    for (let i = 0, k = 0; i < count; i++)
+      for (let corner = 0; corner < 4; corner++) {
+        for (const j of [i, i + 1]) {
+          data[k++] = track.e[j];
+          data[k++] = track.n[j];
+          data[k++] = track.u[j];
+          data[k++] = track.t[j];
+        }
+        data[k++] = corner & 1;
+        data[k++] = corner & 2 ? 1 : -1;
+      }
+    return { count, buffer: buffer(data) };
   };
   const lines = RUN.vehicles.map((v) => ({ v, truth: strip(v.truth), belief: strip(v.belief) }));
+  const longest = lines.reduce((most, one) => Math.max(most, one.truth.count, one.belief.count), 0);
+  const order = new Uint32Array(longest * 6);
+  for (let i = 0; i < longest; i++) order.set([0, 1, 2, 2, 1, 3].map((k) => i * 4 + k), i * 6);
+  const corners = buffer(order, gl.ELEMENT_ARRAY_BUFFER);
   let lost = false;
   canvas.addEventListener("webglcontextlost", () => { lost = true; });
 
-  const attribute = (place, size, stride, offset, every = 0) => {
+  const attribute = (place, size, stride, offset) => {
     if (place < 0) return;
     gl.enableVertexAttribArray(place);
     gl.vertexAttribPointer(place, size, gl.FLOAT, false, stride, offset);
-    gl.vertexAttribDivisor(place, every);
   };
   const use = (name, camera) => {
     gl.useProgram(tools[name].made);
@@ -78,12 +91,11 @@ const glRenderer = (canvas) => {
   };
   const drawStrip = (tool, { buffer: data, count }) => {
     if (!count) return;
-    gl.bindBuffer(gl.ARRAY_BUFFER, corners);
-    attribute(tool.at("c"), 2, 8, 0);
     gl.bindBuffer(gl.ARRAY_BUFFER, data);
-    attribute(tool.at("a"), 4, 16, 0, 1);
-    attribute(tool.at("b"), 4, 16, 16, 1);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, count);
+    attribute(tool.at("a"), 4, 40, 0);
+    attribute(tool.at("b"), 4, 40, 16);
+    attribute(tool.at("c"), 2, 40, 32);
+    gl.drawElements(gl.TRIANGLES, count * 6, gl.UNSIGNED_INT, 0);
   };
   const drawCity = (camera, reach) => {
     const city = use("city", camera);
@@ -115,7 +127,8 @@ const glRenderer = (canvas) => {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    for (let i = 0; i < 8; i++) { gl.disableVertexAttribArray(i); gl.vertexAttribDivisor(i, 0); }
+    for (let i = 0; i < 8; i++) gl.disableVertexAttribArray(i);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, corners);
     const reach = Math.max(camera.distance * 4.2, options.size * 1.6);
     gl.disable(gl.DEPTH_TEST);
     const ground = use("ground", camera);

@@ -316,7 +316,7 @@ const buildScene = () => {
   let slow = 0;
   const beat = (dt) => {
     if (options.drift) camera.yaw += Math.min(dt, 0.1) * 0.05;
-    slow = dt > 0.07 ? slow + 1 : Math.max(0, slow - 1);
+    slow = dt > 0.25 ? slow + 3 : dt > 0.07 ? slow + 1 : Math.max(0, slow - 1);
     if (slow > 5 && lasting > 0.3 && scrollY < stage.offsetTop + stage.offsetHeight) {
       lasting *= 0.7;
       slow = 0;
