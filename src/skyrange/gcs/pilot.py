@@ -261,7 +261,7 @@ class Pilot:
         elif state is State.FLYING:
             self.belief.set("farthest_item", 0)
         elif state in OVER:
-            self._over(now, out, causes)
+            self._finish(now, out, causes)
         if state is State.STREAMING:
             self._send(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, causes)
         commands = scripts.commands(state, plan, self.streams.messages)
@@ -269,7 +269,7 @@ class Pilot:
             self.todo = list(commands)
             self._next_command(now, out, causes)
 
-    def _over(self, now: Time, out: Outbox, causes: Refs) -> None:
+    def _finish(self, now: Time, out: Outbox, causes: Refs) -> None:
         self._drop_commands()
         if self.state is State.LEFT:
             return
