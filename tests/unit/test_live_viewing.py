@@ -31,9 +31,9 @@ def test_what_leaves_an_autopilot_is_shown_once_and_nothing_is_heard() -> None:
         async with asyncio.timeout(2.0):
             while viewing.counts.bytes_ignored < 5:
                 await asyncio.sleep(0.005)
-        viewing.leaves(said("rev", b"leaves "))
-        viewing.leaves(said("fwd", b"is for the autopilot "))
-        viewing.leaves(said("rev", b"was shown by the kernel ", Fate.DELIVERED))
+        viewing.show_outgoing(said("rev", b"leaves "))
+        viewing.show_outgoing(said("fwd", b"is for the autopilot "))
+        viewing.show_outgoing(said("rev", b"was shown by the kernel ", Fate.DELIVERED))
         viewing.on_frame(said("rev", b"stays", Fate.DELIVERED))
         viewing.on_frame(said("rev", b"a tap took it", Fate.DROPPED))
         seen = await reader.readexactly(12)

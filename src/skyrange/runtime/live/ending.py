@@ -15,7 +15,7 @@ from skyrange.runtime.live.range import Range
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
 COUNTED: Final = ("sent", "received", "unheard", "early", "dropped", "garbage", "refused")
-"""Of each node's last start, as its `Counts` has them."""
+"""The counts in the manifest, of each node's last start, as `node.Counts` has them."""
 
 
 def merge_parts(flown: Range, status: str, failure: SkyrangeError | None) -> None:
@@ -29,7 +29,7 @@ def merge_parts(flown: Range, status: str, failure: SkyrangeError | None) -> Non
         flown.recorder.close("failed", {"error": str(error)} | extra)
         raise
     flown.recorder.close(status, {**found, **extra})
-    shutil.rmtree(flown.folder / PARTS, ignore_errors=True)  # none where nothing was started
+    shutil.rmtree(flown.folder / PARTS, ignore_errors=True)  # absent if nothing was started
 
 
 def _parts(flown: Range) -> list[str]:

@@ -255,7 +255,7 @@ class Node:
     def _send(self, frame: Frame) -> None:
         self._recorder.on_frame(frame)  # in flight, as far as is known here
         if self._viewing is not None:
-            self._viewing.leaves(frame)
+            self._viewing.show_outgoing(frame)
         transport = self._transports.get(frame.link)
         if transport is not None and transport.send(frame.payload):
             self.counts.sent += 1
