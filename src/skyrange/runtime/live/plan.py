@@ -77,7 +77,7 @@ def usual_group(components: int, cores: int | None = None) -> Group:
     return "component" if components <= 8 * (cores or os.cpu_count() or 1) else "operator"
 
 
-def plan(
+def assign_components(
     links: Sequence[LinkSpec],
     group: Group | None = None,
     outside: Sequence[str] = (),
@@ -134,7 +134,7 @@ def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[s
 
 
 def _node_of(component: str, group: Group, where: Mapping[str, str]) -> str:
-    """The name of a component's process; on another machine than the world's it names it, unless it is a component's."""
+    """The name of a component's process, with the machine if it holds several and is not on the world's."""
     host = where[component]
     at_base = host == where[WORLD]
     if component == WORLD or (at_base and group in ("one", "host")):

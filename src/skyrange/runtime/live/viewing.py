@@ -19,13 +19,13 @@ Watched = tuple[tuple[str, int], ...]
 """Each aircraft that is watched, and its TCP port."""
 
 
-def watched(vehicles: Sequence[str], first_port: int) -> Watched:
+def assign_viewer_ports(vehicles: Sequence[str], first_port: int) -> Watched:
     """A port for each aircraft from `first_port` on, 0 for any. Raises `InputError` with the ports that are taken."""
     with Viewers(vehicles, first_port) as tried:
         return tuple((vehicle, port) for vehicle, _, port in tried.addresses)
 
 
-class Viewing(Viewers):
+class LiveViewers(Viewers):
     """The viewers of the aircraft whose autopilots run in this process.
 
     An observer of its kernel, like any `Viewers`; a frame for a proxy in another process meets its fate there, so it is
