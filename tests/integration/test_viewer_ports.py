@@ -12,7 +12,7 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.io.sitl import check_free
-from skyrange.io.viewing import MOST_VIEWERS, WAITING_BYTES, ViewerPorts
+from skyrange.io.viewing import MAX_VIEWERS, WAITING_BYTES, ViewerPorts
 
 FRAME = 200
 
@@ -145,10 +145,10 @@ def test_who_has_gone_is_forgotten(ports: ViewerPorts, linger: bytes) -> None:
 
 
 def test_there_is_room_for_so_many_and_then_for_another_when_one_has_gone(ports: ViewerPorts) -> None:
-    viewers = [come(ports) for _ in range(MOST_VIEWERS)]
+    viewers = [come(ports) for _ in range(MAX_VIEWERS)]
     with come(ports) as too_many:
         assert too_many.recv(1) == b""
-    assert (ports.counts.viewers, ports.counts.turned_away) == (MOST_VIEWERS, 1)
+    assert (ports.counts.viewers, ports.counts.turned_away) == (MAX_VIEWERS, 1)
     viewers.pop().close()
     for _ in range(100):
         ports.show(0, b"x")

@@ -20,7 +20,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.core.volumes import Volume4D
 from skyrange.io import http_ends, http_frames
-from skyrange.io.http_door import MOST_CONNECTIONS
+from skyrange.io.http_door import MAX_CONNECTIONS
 from skyrange.io.http_ends import HttpClientEnd, HttpServerEnd
 from skyrange.io.mavlink_sockets import LOOPBACK, Address
 from skyrange.utm import messages
@@ -358,7 +358,7 @@ def test_open_requests_and_connections_are_bounded(monkeypatch: pytest.MonkeyPat
         for _ in range(3):
             assert server.send(ACCEPTED)
         assert [status(answer) for answer in await asyncio.gather(*asked)] == [200] * 3
-        lines = [await asyncio.open_connection(*server.address) for _ in range(MOST_CONNECTIONS + 5)]
+        lines = [await asyncio.open_connection(*server.address) for _ in range(MAX_CONNECTIONS + 5)]
         await until(lambda: server.counts.overflowed >= 1 + 5)
         for _, writer in lines:
             writer.close()

@@ -27,7 +27,7 @@ from skyrange.runtime.live.control import (
 from skyrange.runtime.live.files import list_files, path_inside, read_chunk, split_chunks, write_chunk
 from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import issue_credentials
-from skyrange.runtime.live.plan import plan
+from skyrange.runtime.live.plan import assign_components
 from skyrange.runtime.live.system import RealSystem, System
 from skyrange.scenario.catalogue import load
 from skyrange.scenario.wire import wire
@@ -38,7 +38,7 @@ MS = 1_000_000
 
 def test_a_config_survives_its_file() -> None:
     links = wire(load("rid-spoofing")).wiring.links
-    places = crossings(links, plan(links, "component"))
+    places = crossings(links, assign_components(links, "component"))
     credentials = issue_credentials(zmq.curve_keypair()[0])
     config = NodeConfig("world", ("oracle",), ".parts/world", "127.0.0.1", ("127.0.0.1", 1), tuple(places), credentials)
     assert NodeConfig.from_json(config.to_json()) == config

@@ -20,7 +20,7 @@ from skyrange.runtime.live.control import ControlClient, Message
 from skyrange.runtime.live.node import PAUSE_NS, SLICE_NS, Node
 from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import issue_credentials
-from skyrange.runtime.live.plan import plan
+from skyrange.runtime.live.plan import assign_components
 from skyrange.runtime.live.process import run_node
 from skyrange.scenario.load import build
 from skyrange.scenario.wire import wire
@@ -40,7 +40,9 @@ def alone(folder: Path, name: str, *endpoints: str) -> tuple[VirtualSystem, Node
     system = VirtualSystem()
     scenario = build(SCENARIO, "test")
     links = wire(scenario).wiring.links
-    place = next(one for one in crossings(links, plan(links, "component")) if one.link.name == "gcs:blue/b1")
+    place = next(
+        one for one in crossings(links, assign_components(links, "component")) if one.link.name == "gcs:blue/b1"
+    )
     rig = wire(scenario, local=frozenset(endpoints))
     recorder = Recorder.open(folder, rig.header | {"node": {"name": name, "endpoints": list(endpoints)}})
     credentials = issue_credentials(zmq.curve_keypair()[0])
@@ -68,7 +70,7 @@ def test_what_comes_before_the_start_is_counted_and_dropped(tmp_path: Path) -> N
         await until(lambda: node.counts.early)
         await node.connect()
         node.boot()
-        flying = asyncio.create_task(node.fly(system.clock.monotonic_ns()))
+        flying = asyncio.create_task(node.run(system.clock.monotonic_ns()))
         await until(lambda: node.status["now_ns"] >= 0)
         peer.send(HEARTBEAT)
         await until(lambda: node.counts.received)
@@ -111,7 +113,7 @@ def flown(
     async def live() -> None:
         await node.bind()
         node.boot()
-        flying = asyncio.create_task(node.fly(system.clock.monotonic_ns()))
+        flying = asyncio.create_task(node.run(system.clock.monotonic_ns()))
         await asyncio.sleep(3.0)
         meddle()
         await asyncio.sleep(seconds - 3.0)

@@ -10,7 +10,7 @@ import pytest
 from skyrange.agent.links import LinkSpec
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.addresses import KINDS, check_free, crossings
-from skyrange.runtime.live.plan import LOOPBACK, WORLD, plan, usual_group
+from skyrange.runtime.live.plan import LOOPBACK, WORLD, assign_components, usual_group
 from skyrange.runtime.live.range import prepare
 from skyrange.scenario.catalogue import load
 from skyrange.scenario.wire import wire
@@ -22,7 +22,7 @@ def links() -> list[LinkSpec]:
 
 
 def test_each_component_is_a_process_and_the_world_is_one(links: list[LinkSpec]) -> None:
-    made = plan(links, "component")
+    made = assign_components(links, "component")
     assert made.nodes[0].name == WORLD
     assert {node.name for node in made.nodes} == {
         WORLD, "approval", "green.gcs", "red.gcs",
@@ -35,18 +35,18 @@ def test_each_component_is_a_process_and_the_world_is_one(links: list[LinkSpec])
 
 
 def test_fewer_processes_have_fewer_sockets_at_the_same_ports(links: list[LinkSpec]) -> None:
-    alone = {one.link.name: one for one in crossings(links, plan(links, "component"))}
-    by_operator = plan(links, "operator")
+    alone = {one.link.name: one for one in crossings(links, assign_components(links, "component"))}
+    by_operator = assign_components(links, "operator")
     assert [node.name for node in by_operator.nodes] == [WORLD, "approval", "green", "red"]
     shared = {one.link.name: one for one in crossings(links, by_operator)}
     assert shared.keys() < alone.keys()
     assert all(alone[name] == one for name, one in shared.items())
-    assert list(plan(links, "one").crossing(links)) == []
+    assert list(assign_components(links, "one").crossing(links)) == []
     assert (usual_group(16, cores=2), usual_group(17, cores=2)) == ("component", "operator")
 
 
 def test_ports_are_the_published_ones_ten_apart_and_can_be_moved(links: list[LinkSpec]) -> None:
-    made = plan(links, "component")
+    made = assign_components(links, "component")
     ports = {one.link.name: one.address[1] for one in crossings(links, made)}
     assert (ports["gcs:green/g1"], ports["gcs:red/r1"]) == (14555, 14565)
     assert (ports["log:green/g1"], ports["autopilot:red/r1"]) == (14551, 5770)
@@ -58,12 +58,12 @@ def test_ports_are_the_published_ones_ten_apart_and_can_be_moved(links: list[Lin
 
 
 def test_a_component_may_be_left_to_somebody_else(links: list[LinkSpec]) -> None:
-    made = plan(links, "component", ["red.gcs"])
+    made = assign_components(links, "component", ["red.gcs"])
     assert made.home("red.gcs") == ""
     assert "red.gcs" not in {node.name for node in made.nodes}
     assert {"gcs:red/r1", "approval:red"} <= {spec.name for spec in made.crossing(links)}
     with pytest.raises(InputError, match=r"red\.gsc.*Did you mean 'red\.gcs'"):
-        plan(links, "component", ["red.gsc"])
+        assign_components(links, "component", ["red.gsc"])
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def taken() -> Iterator[tuple[int, int]]:
 
 
 def test_addresses_in_use_are_named_all_at_once(links: list[LinkSpec], taken: tuple[int, int]) -> None:
-    made = plan(links, "component")
+    made = assign_components(links, "component")
     tcp = crossings(links, made, taken[0] - KINDS["log"].port)
     udp = crossings(links, made, taken[1] - KINDS["gcs"].port)
     one = [each for each in tcp if each.link.name == "log:green/g1"]
@@ -91,7 +91,7 @@ HOSTS = {"world": "10.9.0.1", "green.gcs": "10.9.0.2", "red/*": "10.9.0.3", "red
 
 
 def test_components_are_where_the_hosts_say_the_last_one_that_fits(links: list[LinkSpec]) -> None:
-    made = plan(links, "component", [], HOSTS)
+    made = assign_components(links, "component", [], HOSTS)
     homes = {node.name: node.host for node in made.nodes}
     assert homes == {
         "world": "10.9.0.1", "approval": "10.9.0.1", "red.gcs": "10.9.0.1",
@@ -102,7 +102,7 @@ def test_components_are_where_the_hosts_say_the_last_one_that_fits(links: list[L
 
 
 def test_links_leave_the_loopback_only_between_machines(links: list[LinkSpec]) -> None:
-    made = plan(links, "component", [], HOSTS)
+    made = assign_components(links, "component", [], HOSTS)
     at = {one.link.name: one.address for one in crossings(links, made)}
     assert at["gcs:green/g1"] == ("10.9.0.2", 14555)  # the ground station listens, and the aircraft is elsewhere
     assert at["gcs:red/r1"] == ("10.9.0.1", 14565)
@@ -114,19 +114,19 @@ def test_links_leave_the_loopback_only_between_machines(links: list[LinkSpec]) -
 
 
 def test_no_process_is_on_two_machines(links: list[LinkSpec]) -> None:
-    assert {node.name: node.host for node in plan(links, "host", [], HOSTS).nodes} == {
+    assert {node.name: node.host for node in assign_components(links, "host", [], HOSTS).nodes} == {
         "world": "10.9.0.1", "10.9.0.2": "10.9.0.2", "10.9.0.3": "10.9.0.3",
     }  # fmt: skip
-    assert [node.name for node in plan(links, "operator", [], HOSTS).nodes] == [
+    assert [node.name for node in assign_components(links, "operator", [], HOSTS).nodes] == [
         "world", "approval", "green@10.9.0.2", "green", "red", "red@10.9.0.2", "red@10.9.0.3",
     ]  # fmt: skip
     with pytest.raises(InputError, match=r"--group host"):
-        plan(links, "one", [], HOSTS)
+        assign_components(links, "one", [], HOSTS)
 
 
 def test_hosts_that_make_no_sense_are_named(links: list[LinkSpec]) -> None:
     with pytest.raises(InputError) as caught:
-        plan(links, "component", [], {"green.gsc": "10.9.0.2", "red.gcs": "10.9.0.2"})
+        assign_components(links, "component", [], {"green.gsc": "10.9.0.2", "red.gcs": "10.9.0.2"})
     assert [fault.where for fault in caught.value.faults] == ["hosts", "hosts.world"]
     assert "'green.gcs'" in caught.value.faults[0].hint
     with pytest.raises(InputError, match=r"hosts\.red\.gcs.*an IP address"):

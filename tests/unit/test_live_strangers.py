@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.codec.deframe import Piece
 from skyrange.core.time import NS_PER_S
-from skyrange.io.mavlink_sockets import MOST_UNSENT, TcpEnd, UdpEnd
+from skyrange.io.mavlink_sockets import MAX_UNSENT_BYTES, TcpEnd, UdpEnd
 from skyrange.runtime.live.ends import TcpConnector, TcpListener
 from skyrange.runtime.live.intake import BURST_S, BYTES_HZ, FRAMES_HZ, MAX_WAITING_BYTES, IngressRateLimiter
 
@@ -74,7 +74,7 @@ def test_a_tcp_peer_that_does_not_read_costs_no_more_than_a_buffer() -> None:
             assert sent < 100_000
             assert server._peer is not None
             assert server._peer._transport is not None
-            assert server._peer._transport.get_write_buffer_size() <= MOST_UNSENT
+            assert server._peer._transport.get_write_buffer_size() <= MAX_UNSENT_BYTES
         server.close()
 
     asyncio.run(live())

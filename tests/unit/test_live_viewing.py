@@ -11,7 +11,7 @@ import pytest
 from skyrange.agent.frames import Fate, Frame
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.range import prepare
-from skyrange.runtime.live.viewing import Viewing, watched
+from skyrange.runtime.live.viewing import LiveViewers, assign_viewer_ports
 from skyrange.scenario.catalogue import load
 from tests.ports import OFFSET
 
@@ -24,16 +24,16 @@ def said(direction: str, payload: bytes, fate: Fate = Fate.IN_FLIGHT) -> Frame:
 
 def test_what_leaves_an_autopilot_is_shown_once_and_nothing_is_heard() -> None:
     async def watch() -> tuple[bytes, dict[str, int]]:
-        viewing = Viewing(watched(["blue/b1"], 0))
+        viewing = LiveViewers(assign_viewer_ports(["blue/b1"], 0))
         viewing.open()
         reader, writer = await asyncio.open_connection(*viewing.addresses[0][1:])
         writer.write(b"land!")
         async with asyncio.timeout(2.0):
             while viewing.counts.bytes_ignored < 5:
                 await asyncio.sleep(0.005)
-        viewing.leaves(said("rev", b"leaves "))
-        viewing.leaves(said("fwd", b"is for the autopilot "))
-        viewing.leaves(said("rev", b"was shown by the kernel ", Fate.DELIVERED))
+        viewing.show_outgoing(said("rev", b"leaves "))
+        viewing.show_outgoing(said("fwd", b"is for the autopilot "))
+        viewing.show_outgoing(said("rev", b"was shown by the kernel ", Fate.DELIVERED))
         viewing.on_frame(said("rev", b"stays", Fate.DELIVERED))
         viewing.on_frame(said("rev", b"a tap took it", Fate.DROPPED))
         seen = await reader.readexactly(12)

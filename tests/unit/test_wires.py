@@ -24,7 +24,7 @@ ASK = Packer(255, 190).pack(mav.MAVLink_param_request_list_message(1, 1))
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wires, "AGAIN_S", 0.02)
+    monkeypatch.setattr(wires, "RETRY_S", 0.02)
 
 
 def read_until(wire: Wire, holds: Callable[[list[Piece]], bool]) -> list[Piece]:

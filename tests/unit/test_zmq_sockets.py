@@ -49,7 +49,7 @@ def run(body: Callable[[], Awaitable[None]]) -> None:
             await body()
 
     asyncio.run(bounded())
-    assert not zmq_room._ROOMS  # every end was closed, and the last one took the context along
+    assert not zmq_room._CONTEXTS  # every end was closed, and the last one took the context along
 
 
 async def until(condition: Callable[[], object]) -> None:
@@ -206,7 +206,7 @@ def test_a_peer_that_comes_while_the_old_one_hangs_is_the_peer() -> None:
         await until(lambda: len(new.frames) == 10)
         assert old.frames == []
         b.close()
-        await until(lambda: a._lines == 1)
+        await until(lambda: a._connections == 1)
         assert a.connected
         assert a.send(b"still")
         await until(lambda: len(new.frames) == 11)
@@ -229,7 +229,7 @@ def test_when_a_later_peer_leaves_the_one_before_is_the_peer_again() -> None:
         assert a.send(b"to the stranger")
         await until(lambda: three.frames)
         stranger.close()
-        await until(lambda: a._lines == 1)
+        await until(lambda: a._connections == 1)
         assert a.send(b"to the peer")
         await until(lambda: two.frames)
         assert two.frames == [b"to the peer"]

@@ -1,1 +1,1 @@
-"""Measure: how fast does the range run here, and where does the time go?"""
+"""Benchmarks: the speed of the range on this machine, and where the time goes."""

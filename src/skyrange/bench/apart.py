@@ -1,4 +1,4 @@
-"""How is something measured in a clean process? Spawned, so that nothing of the caller's memory is there."""
+"""Measurement in a process of its own, spawned, so that it has nothing of the caller's memory."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ Row = dict[str, Any]
 
 
 def apart(name: str, function: Callable[..., Row], *arguments: Any) -> Row:
-    """What `function` returns, called in a process of its own.
+    """Call `function` in a process of its own; its result.
 
-    Raises what it raises of our own errors, and `ComponentError`, by `name`, where the process ends early.
+    Raises the `SkyrangeError` that it raises, and `ComponentError` in the name of `name` if the process ends early.
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(sender, function, *arguments))
+    process = context.Process(target=_send_result, args=(sender, function, *arguments))
     process.start()
     sender.close()
     try:
@@ -33,7 +33,7 @@ def apart(name: str, function: Callable[..., Row], *arguments: Any) -> Row:
     return answer
 
 
-def _answer(answer: Connection, function: Callable[..., Row], *arguments: Any) -> None:
+def _send_result(answer: Connection, function: Callable[..., Row], *arguments: Any) -> None:
     try:
         answer.send(function(*arguments))
     except SkyrangeError as error:

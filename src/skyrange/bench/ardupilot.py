@@ -1,4 +1,4 @@
-"""How many ArduPilots fly how fast? Armed, on a mission, all recorded; and what the bare processes would take."""
+"""Benchmark of ArduPilot fleets: armed, on a mission, all recorded; and the cost of the bare processes."""
 
 from __future__ import annotations
 
@@ -39,13 +39,14 @@ def measure(
 ) -> dict[str, Any]:
     """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
 
-    With `physics` "shared" as fast as it goes, with "native" at `speedup`; `remote_id` as `bench.fleet` has it.
+    With `physics` "shared" as fast as possible, with "native" at `speedup`; `remote_id` as in `bench.fleet`.
     `real_time_factor` is simulated over wall seconds while flying, recording on; `autopilots_cpu_s` and `ours_cpu_s`
-    the processor time of all ArduPilot processes and of everything else for that; `per_core` how many aircraft one
-    core would carry in real time, by processor time. `bare_cpu_s` is what as many processes take for as many seconds
-    with nothing around them, standing still, measured right before: fed by the least loop there is, or left alone
-    with their own physics; `over_bare` the whole over that, `ours_over_bare` our part. `loop_hz` and `exchanges_hz`
-    (0: none) are what ran; `flying` as in `bench fleet`. Raises `InputError` for rates that native physics has not.
+    are the processor time of all ArduPilot processes and of everything else for that; `per_core` is the number of
+    aircraft that one core would carry in real time, by processor time. `bare_cpu_s` is the processor time of as many
+    processes for as many seconds with nothing around them, standing still, measured right before: fed by a minimal
+    loop, or left alone with their own physics; `over_bare` is the whole divided by that, `ours_over_bare` our part.
+    `loop_hz` and `exchanges_hz` (0: none) are the rates that ran; `flying` is as in `bench fleet`. Raises `InputError`
+    for rates that native physics does not have.
     """
     return apart(
         f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, load, rates, physics, speedup, remote_id
@@ -103,9 +104,9 @@ def _flown(
 
 
 def _bare(vehicles: int, parameters: str, rate: float, batch: int) -> float:
-    """Processor seconds that so many processes take for `BARE_S`, all side by side.
+    """Processor seconds that so many processes use for `BARE_S` simulated seconds, in parallel.
 
-    `rate` is exchanges per tick, `batch` how many go out together, as in the range.
+    `rate` is exchanges per tick, `batch` the number sent together, as in the range.
     """
     step_ns = round(QUANTUM_S / rate * 1e9)
     steps = round(BARE_S * 1e9 / step_ns)
@@ -133,7 +134,7 @@ def _bare(vehicles: int, parameters: str, rate: float, batch: int) -> float:
 
 
 def _alone(vehicles: int, parameters: str, speedup: float) -> float:
-    """Processor seconds that so many processes take for `BARE_S` of their own time, flying nothing by themselves."""
+    """Processor seconds of so many processes on the ground for `BARE_S` of their own time, with their own physics."""
     fleet: list[Sitl] = []
     text = f"{parameters}{SPEEDUP} {speedup:g}\n"
     with _closing(fleet), tempfile.TemporaryDirectory() as folder:
@@ -150,7 +151,7 @@ def _alone(vehicles: int, parameters: str, speedup: float) -> float:
 
 
 def _processes(vehicles: int, folder: Path, parameters: str) -> Iterator[dict[str, Any]]:
-    """What each is started with."""
+    """The arguments with which each process is started."""
     for number in range(vehicles):
         own = folder / str(number)
         own.mkdir()

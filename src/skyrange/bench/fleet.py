@@ -1,4 +1,4 @@
-"""How many aircraft fly how fast on one core? Missions flown in earnest, three hops, everything recorded."""
+"""Benchmark of fleets in virtual time: complete missions over three hops, everything recorded."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ SIDE_M = 80.0
 APART_M = 40.0
 PER_OPERATOR = 1000
 WALL_M = 10.0
-"""Between a lap and the block that it goes round, with Remote ID."""
+"""Distance between a lap and the block that it goes round, with Remote ID."""
 _DETECTOR = MonitorPlacement("gap", partial(HeartbeatGap, HeartbeatGapParams()), ["gcs:*"], "gcs")
 HORIZON_M = 400.0
-"""Of the radio medium, what opendroneid.org gives Wi-Fi at best; some thirty aircraft are nearer than that."""
+"""Horizon of the radio medium, the best range that opendroneid.org gives for Wi-Fi; some thirty aircraft are nearer."""
 
 
 def fleet_scenario(
@@ -58,11 +58,11 @@ def fleet_scenario(
 ) -> Scenario:
     """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
 
-    `load` is the telemetry that ground stations ask for, a profile of `gcs.streams`. With `remote_id` each goes round a
-    block of a downtown, broadcasts over Wi-Fi each second, hears the others and would avoid them. `options` are
+    `load` is the telemetry that ground stations request, a profile of `gcs.streams`. With `remote_id` each goes round a
+    block of a downtown, broadcasts over Wi-Fi every second, receives the others and would avoid them. `options` are
     those of the autopilot's kind.
     """
-    # a third more than the time asks for, because corners are cut
+    # a third more than the time requires, because corners are cut
     path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
     # at most ten laps, so that a long flight has no longer upload than a short one
     laps = min(10, math.ceil(path_m / (4 * SIDE_M)))
@@ -115,13 +115,13 @@ def measure(
 
     With `detector` a heartbeat gap detector listens at the ground stations' ends of all `gcs` links.
 
-    `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` the process's
-    CPU time for that (user and system); `yardstick_us` what `yardstick` takes right after, and `yardsticks` what an
-    aircraft-second costs in that currency; `memory_mb` its peak resident set, of which `base_memory_mb`
-    was there before the fleet; `setup_s` and `finalise_s` are wall seconds before and after, not in the
-    factor; `flying` how many were armed and on their mission all through; `frames_per_s` frames per
-    simulated second over all hops, `receptions_per_s` broadcasts that were decoded; `disk_mb` the finished run folder;
-    `share` the share of CPU time per part.
+    `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` is the process's
+    CPU time for that (user and system); `yardstick_us` the result of `yardstick` right after, and `yardsticks` the
+    cost of an aircraft-second in that unit; `memory_mb` the peak resident set size, of which `base_memory_mb`
+    was used before the fleet; `setup_s` and `finalise_s` are wall seconds before and after, not in the
+    factor; `flying` is the number of aircraft armed and on their mission throughout; `frames_per_s` frames per
+    simulated second over all hops, `receptions_per_s` decoded broadcasts; `disk_mb` the size of the finished run
+    folder; `share` the share of CPU time per part.
     """
     return apart(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id, detector)
 

@@ -1,4 +1,4 @@
-"""How many aircraft does a live range fly in real time? Missions on real sockets, everything recorded, nobody waits."""
+"""Benchmark of the live range: missions on real sockets in real time, everything recorded."""
 
 from __future__ import annotations
 
@@ -31,67 +31,67 @@ def measure(
     port_offset: int = 0,
     on_look: OnLook | None = None,
 ) -> dict[str, Any]:
-    """One row: fly `vehicles` builtin aircraft for `WARM_UP_S` and `seconds` more, wall seconds all of them.
+    """One row: fly `vehicles` builtin aircraft for `WARM_UP_S` and `seconds` more, all in wall seconds.
 
-    `held`: whether no process was ever more than half a second behind (else they are in `fell_behind`); `max_lag_s` the
-    most that any was. `cores` what all processes of the range took of the processor, in cores, `aircraft_per_core` from
-    that; `elsewhere_cores` what everything else on the machine took meanwhile (`None` where the system does not say):
-    what is far from 0 is no quiet machine. `frames_per_s` over all hops, `crossings_per_s` those over sockets, `flying`
-    as in `bench fleet`. `added_ms` by kind of link: what a hop took beyond its channel's own latency, from the record,
-    median and 99th percentile: waiting for the sender's turn, its socket, and the receiver's. `start_s` and `end_s` are
-    wall seconds before time 0 and after the end. Raises as `supervisor.fly`.
+    `held` is whether no process was ever more than half a second behind (else they are in `fell_behind`), `max_lag_s`
+    the largest delay of any. `cores` is the processor time of all processes of the range, in cores, `aircraft_per_core`
+    follows from it; `elsewhere_cores` is what everything else on the machine used meanwhile (`None` if the system does
+    not report it): on a quiet machine it is near 0. `frames_per_s` is over all hops, `crossings_per_s` over sockets,
+    `flying` as in `bench fleet`. `added_ms`, by kind of link, is the time of a hop beyond its channel's own latency,
+    from the record, median and 99th percentile: it includes waiting for the sender's turn, its socket, and the
+    receiver's turn. `start_s` and `end_s` are wall seconds before time 0 and after the end. Raises as `supervisor.fly`.
     """
     scenario = fleet_scenario(vehicles, seconds)
     with tempfile.TemporaryDirectory() as folder:
         began, busy = time.monotonic(), busy_s()
-        flown = prepare(scenario, Path(folder) / "run", group=group, port_offset=port_offset)
+        live_range = prepare(scenario, Path(folder) / "run", group=group, port_offset=port_offset)
         used = sum(os.times()[:4])
-        fly(flown, on_look)
+        fly(live_range, on_look)
         ended = time.monotonic()
-        used = sum(os.times()[:4]) - used  # of children that have ended too: of all nodes
+        used = sum(os.times()[:4]) - used  # also of children that have ended, which all nodes are
         elsewhere = None if busy is None else max((busy_s() or busy) - busy - used, 0.0) / (ended - began)
-        record = load(flown.folder)
+        record = load(live_range.folder)
         return {
-            **_row(flown, record, vehicles, seconds),
+            **_row(live_range, record, vehicles, seconds),
             "elsewhere_cores": None if elsewhere is None else round(elsewhere, 2),
-            "start_s": round(flown.zero_ns / 1e9 - began, 2),
-            "end_s": round(ended - flown.zero_ns / 1e9 - scenario.duration_s, 2),
+            "start_s": round(live_range.zero_ns / 1e9 - began, 2),
+            "end_s": round(ended - live_range.zero_ns / 1e9 - scenario.duration_s, 2),
             "yardstick_us": round(yardstick_us(), 2),
         }
 
 
-def _row(flown: Range, record: RunRecord, vehicles: int, seconds: float) -> dict[str, Any]:
+def _row(live_range: Range, record: RunRecord, vehicles: int, seconds: float) -> dict[str, Any]:
     took_s = WARM_UP_S + seconds
-    cores = sum(float(one.status.get("cpu_s", 0.0)) for one in flown.members.values()) / took_s
-    late_s = {name: to_seconds(int(one.status.get("late_ns", 0))) for name, one in flown.members.items()}
+    cores = sum(float(one.status.get("cpu_s", 0.0)) for one in live_range.members.values()) / took_s
+    late_s = {name: to_seconds(int(one.status.get("late_ns", 0))) for name, one in live_range.members.items()}
     behind = record.manifest["live"]["fell_behind"]
     return {
         "vehicles": vehicles,
         "seconds": seconds,
-        "processes": len(flown.members),
+        "processes": len(live_range.members),
         "held": not behind,
         "fell_behind": behind,
         "max_lag_s": round(max(late_s.values()), 3),
         "cores": round(cores, 3),
-        "cores_by_process": _busiest(flown, took_s),
+        "cores_by_process": _busiest(live_range, took_s),
         "aircraft_per_core": round(vehicles / cores, 1) if cores else None,
         "flying": flying(record),
         "frames_per_s": round(record.rows("frames") / took_s, 1),
         "crossings_per_s": round(record.manifest["crossings"]["matched"] / took_s, 1),
         "lost": record.manifest["crossings"]["lost"],
-        "added_ms": added_ms(record, flown),
+        "added_ms": added_ms(record, live_range),
     }
 
 
-def _busiest(flown: Range, took_s: float) -> dict[str, float]:
-    """The five processes that take most, in cores."""
-    shares = {name: float(one.status.get("cpu_s", 0.0)) / took_s for name, one in flown.members.items()}
+def _busiest(live_range: Range, took_s: float) -> dict[str, float]:
+    """The five processes that use most processor time, in cores."""
+    shares = {name: float(one.status.get("cpu_s", 0.0)) / took_s for name, one in live_range.members.items()}
     return {name: round(shares[name], 3) for name in sorted(shares, key=lambda name: -shares[name])[:5]}
 
 
-def added_ms(record: RunRecord, flown: Range) -> dict[str, dict[str, float]]:
-    """By kind of link, of the frames that crossed between processes: what each took beyond its channel's latency."""
-    latency_ns = {one.link.name: one.link.channel.latency_ns for one in flown.crossings}
+def added_ms(record: RunRecord, live_range: Range) -> dict[str, dict[str, float]]:
+    """By kind of link, the time of frames between processes beyond their channel's latency."""
+    latency_ns = {one.link.name: one.link.channel.latency_ns for one in live_range.crossings}
     found: dict[str, list[NDArray[np.float64]]] = {}
     for batch in record.batches("frames", ["link", "sent_ns", "arrived_ns"]):
         rows = pa.Table.from_batches([batch])
@@ -116,7 +116,7 @@ def added_ms(record: RunRecord, flown: Range) -> dict[str, dict[str, float]]:
 
 
 def busy_s() -> float | None:
-    """Processor seconds that this machine has been busy, all cores together (Linux)."""
+    """Processor seconds for which this machine has been busy, all cores together (Linux)."""
     try:
         first = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()[1:]
     except OSError:

@@ -1,4 +1,4 @@
-"""How much does the air cost? Aircraft over a city at one density, all broadcasting once a second on Wi-Fi and hearing.
+"""Benchmark of the radio: aircraft over a city at one density, which all broadcast once a second on Wi-Fi and receive.
 
 The oracle is driven as a kernel would: frames on `rid_up` come in, receptions on `rid_down` go out, positions move.
 """
@@ -34,7 +34,7 @@ from skyrange.radio.surroundings import Surroundings
 from skyrange.radio.waveforms import LEAST_SNIR_DB
 
 PER_KM2 = 50.0
-"""Aircraft, whatever their number: the city grows with them."""
+"""Aircraft per square kilometre, whatever their number: the city grows with them."""
 SPEED_MPS = 10.0
 BODY_BYTES = 178
 """A pack of seven messages, as 14 CFR 89.305 fills it."""
@@ -61,20 +61,20 @@ class Fleet:
         self.half = half
 
     def move(self, seconds: float) -> None:
-        """Fly on."""
+        """Fly on for `seconds`."""
         self.place += seconds * self.velocity
         for axis in range(2):
             beyond = np.abs(self.place[:, axis]) > self.half
             self.velocity[beyond, axis] = -np.sign(self.place[beyond, axis]) * np.abs(self.velocity[beyond, axis])
 
     def motion(self) -> tuple[Floats, Floats]:
-        """As a world has it."""
+        """Positions and velocities, as of a world."""
         return self.place, self.velocity
 
 
 @kernel
 def _all_lines(sky: Skyline, place: Floats, reach: float, power_dbm: float, floor_dbm: float, wavelength: float) -> int:
-    """Look once from everybody to everybody in reach, as one second's broadcasts do; how many lines that are."""
+    """Trace each sight line between two aircraft in reach, as one second's broadcasts do; the number of lines."""
     lines = 0
     for i in range(place.shape[0]):
         for j in range(place.shape[0]):
@@ -106,10 +106,10 @@ def _all_lines(sky: Skyline, place: Floats, reach: float, power_dbm: float, floo
 def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, Any]:
     """One row: `nodes` aircraft for `seconds` simulated seconds, in this process.
 
-    `real_time_factor` is simulated over CPU seconds of the oracle alone; `us_per_node_s` what a node costs a second;
-    `transmissions_per_s` and `receptions_per_s` are per CPU second; `heard_by` the mean number of receivers of a
-    broadcast; `lines_per_s` sight lines looked along per simulated second and `line_of_sight_share` the share of time
-    that they take, timed apart; `yardstick_us` as in `bench fleet`.
+    `real_time_factor` is simulated over CPU seconds of the oracle alone; `us_per_node_s` the cost of a node per second;
+    `transmissions_per_s` and `receptions_per_s` are per CPU second; `heard_by` is the mean number of receivers of a
+    broadcast; `lines_per_s` the sight lines traced per simulated second and `line_of_sight_share` their share of the
+    time, measured separately; `yardstick_us` is as in `bench fleet`.
     """
     if nodes < 2:
         raise ComponentError(f"bench with {nodes} radios", "nobody to hear", "Ask for 2 or more")
@@ -165,7 +165,7 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
 
 
 def _time_lines(medium: BuiltinMedium, place: Floats) -> tuple[int, float]:
-    """How many sight lines a second's broadcasts look along, and the CPU seconds that takes."""
+    """The number of sight lines that a second's broadcasts trace, and the CPU seconds that this takes."""
     setting: Setting = medium._setting
     spec = medium.radios[0]
     floor = float(noise_dbm(spec.noise_figure_db, 20.0)) + float(LEAST_SNIR_DB[1]) - 3.0

@@ -1,6 +1,6 @@
-"""Where does the time of a run go? Samples of the running stack on a CPU-time clock, attributed to parts.
+"""Profile of a run: samples of the running stack on a CPU-time clock, attributed to parts.
 
-A statistical profile costs next to nothing and so does not distort what it measures, unlike tracing
+A statistical profile costs next to nothing and so does not distort what it measures, unlike a trace of
 each call. A sample belongs to the innermost skyrange module on the stack; time inside a compiled
 kernel or a library counts for the module that called it.
 """
@@ -77,6 +77,6 @@ class Sampler:
         self.samples["other"] += 1
 
     def shares(self) -> dict[str, float]:
-        """Share of each part in 0…1; all 0 without samples."""
+        """The share of each part, 0 to 1; all 0 without samples."""
         total = sum(self.samples.values()) or 1
         return {part: round(self.samples[part] / total, 4) for part in PARTS}

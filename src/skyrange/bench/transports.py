@@ -1,7 +1,7 @@
-"""What does each transport of a live range carry, and how late? Two processes on loopback, with a node's own ends.
+"""Benchmark of the live range's transports: rate and latency between two processes on loopback.
 
-First frames one by one, each with the time at which it was sent, on the clock that both share; then as many as go, back
-to back. What stands between a socket and a node's kernel is in it, the kernel is not.
+First frames one by one, each with the time at which it was sent, on the clock that both share; then as many as
+possible, back to back. The measurement includes a node's transports, but not its kernel.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ ONE_BY_ONE: Final = 500
 """Frames that are timed, `APART_S` after each other: about as fast as an aircraft's telemetry comes."""
 APART_S: Final = 0.005
 WINDOW: Final = 128
-"""Frames that are under way at most when they go back to back, fewer than a UDP socket's buffer holds."""
+"""Frames in transit at most when they are sent back to back, fewer than a UDP socket's buffer holds."""
 CREDIT: Final = 32
-"""The listener answers each so many-th frame with one, which opens the window again; over HTTP each, as it must."""
+"""The listener answers every 32nd frame with one, which opens the window again; over HTTP each, as it must."""
 PATIENCE_S: Final = 60.0
 _PATH: Final = "/bench/frame"
 _TIMESYNC: Final = mav.MAVLink(None, srcSystem=1, srcComponent=1)
@@ -45,7 +45,7 @@ _HEADER: Final = 10
 
 
 def frame(transport: TransportKind, at_ns: int, number: int) -> bytes:
-    """What a link over that transport carries: a MAVLink TIMESYNC, or a request, with a time and a number in it."""
+    """A frame of that transport: a MAVLink TIMESYNC, or a request, with a time and a number in it."""
     if transport == "http":
         return http_frames.request_frame("PUT", _PATH, json.dumps({"at_ns": at_ns, "number": number}).encode())
     return bytes(mav.MAVLink_timesync_message(at_ns, number).pack(_TIMESYNC))
@@ -62,10 +62,10 @@ def sent_at(transport: TransportKind, data: bytes) -> int:
 def measure(transport: TransportKind, frames: int = 50_000) -> dict[str, Any]:
     """One row: `ONE_BY_ONE` frames, then `frames` back to back, from one new process to another.
 
-    `added_ms` and `added_p99_ms`: from the call of an end's `send` to when the other end hands the payload in.
-    `frames_per_s`: that came, by the wall clock; `frames_per_core_s` by the processor time of both ends together, all
-    their threads: what one core does of sending and receiving. Of HTTP, a request and its answer are two frames. Raises
-    `ComponentError` where frames do not come.
+    `added_ms` and `added_p99_ms` are from the call of a transport's `send` to the delivery of the payload by the other.
+    `frames_per_s` is received frames by the wall clock, `frames_per_core_s` by the processor time of both processes
+    together, all their threads: what one core sends and receives. Over HTTP a request and its answer are two frames.
+    Raises `ComponentError` if frames do not arrive.
     """
     return apart(f"bench of {transport}", _measured, transport, frames)
 
@@ -106,7 +106,7 @@ def _measured(transport: TransportKind, frames: int) -> dict[str, Any]:
 
 
 def _carried(transport: TransportKind) -> list[str]:
-    """The kinds of links that go over it."""
+    """The kinds of links that use a transport."""
     return [name for name, kind in KINDS.items() if kind.transport == transport]
 
 
@@ -117,7 +117,7 @@ def _crossing(transport: TransportKind, port: int) -> Crossing:
 
 
 def _credentials() -> Credentials:
-    return issue_credentials(zmq.curve_keypair()[0])  # on loopback nobody asks for them
+    return issue_credentials(zmq.curve_keypair()[0])  # not asked for on loopback
 
 
 # --- the listener's process ------------------------------------------------------------------------
@@ -128,7 +128,7 @@ def _listen(answer: Connection, crossing: Crossing, frames: int) -> None:
 
 
 class _Listener:
-    """Takes the times of the first frames and counts the others."""
+    """Measures the delay of the first frames and counts the others."""
 
     def __init__(self, answer: Connection, crossing: Crossing, frames: int) -> None:
         self._answer = answer
@@ -137,16 +137,16 @@ class _Listener:
         self._count = 0
         self._added_ns: list[int] = []
         self._began = (0.0, 0.0)
-        self._end: Transport | None = None
+        self._transport: Transport | None = None
         self._done = asyncio.Event()
 
     async def run(self) -> dict[str, Any]:
-        self._end = await listen(self._crossing, self._heard, LOOPBACK, _credentials())
+        self._transport = await listen(self._crossing, self._receive, LOOPBACK, _credentials())
         self._answer.send("listening")
         await self._done.wait()
         took_s, cpu_s = time.monotonic() - self._began[0], time.process_time() - self._began[1]
         await asyncio.sleep(APART_S)  # the last answer has to go out
-        self._end.close()
+        self._transport.close()
         added_ms = sorted(ns / 1e6 for ns in self._added_ns)
         return {
             "took_s": took_s,
@@ -155,18 +155,18 @@ class _Listener:
             "added_p99_ms": round(added_ms[int(0.99 * len(added_ms))], 3),
         }
 
-    def _heard(self, piece: Piece) -> None:
+    def _receive(self, piece: Piece) -> None:
         self._count += 1
         transport = self._crossing.transport
         if self._count <= ONE_BY_ONE:
             self._added_ns.append(time.monotonic_ns() - sent_at(transport, piece.data))
         elif self._count == ONE_BY_ONE + 1:
             self._began = time.monotonic(), time.process_time()
-        assert self._end is not None
+        assert self._transport is not None
         if transport == "http":
-            self._end.send(http_frames.response_frame(200, _PATH, b"{}"))
+            self._transport.send(http_frames.response_frame(200, _PATH, b"{}"))
         elif self._count % CREDIT == 0:
-            self._end.send(frame(transport, 1, self._count))
+            self._transport.send(frame(transport, 1, self._count))
         if self._count == self._last:
             self._done.set()
 
@@ -175,7 +175,7 @@ class _Listener:
 
 
 async def _call(crossing: Crossing, frames: int) -> float:
-    """Send everything; the processor seconds that the frames back to back took."""
+    """Send everything; the processor seconds of the frames back to back."""
     transport = crossing.transport
     opened = asyncio.Event()
     credits = 0
@@ -185,12 +185,14 @@ async def _call(crossing: Crossing, frames: int) -> float:
         credits += 1
         opened.set()
 
-    end = await connect(crossing, heard, LOOPBACK, _credentials())
+    sender = await connect(crossing, heard, LOOPBACK, _credentials())
     per_credit = 1 if transport == "http" else CREDIT
     try:
         async with asyncio.timeout(PATIENCE_S):
             for number in range(1, ONE_BY_ONE + 1):
-                while not end.send(frame(transport, time.monotonic_ns(), number)):  # the first, until they are joined
+                while not sender.send(
+                    frame(transport, time.monotonic_ns(), number)
+                ):  # the first, until they are joined
                     await asyncio.sleep(APART_S)
                 await asyncio.sleep(APART_S)
             whole: Sequence[bytes] = [frame(transport, 1, number) for number in range(1, WINDOW + 1)]
@@ -202,7 +204,7 @@ async def _call(crossing: Crossing, frames: int) -> float:
                     await opened.wait()
                     continue
                 for _ in range(min(room, frames - said)):
-                    if not end.send(whole[said % WINDOW]):
+                    if not sender.send(whole[said % WINDOW]):
                         break
                     said += 1
                 await asyncio.sleep(0)
@@ -213,5 +215,5 @@ async def _call(crossing: Crossing, frames: int) -> float:
     except TimeoutError:
         raise ComponentError(f"bench of {transport}", f"no answer within {PATIENCE_S:g} s") from None
     finally:
-        end.close()
+        sender.close()
         await asyncio.sleep(APART_S)

@@ -1,4 +1,4 @@
-"""How fast is this machine at what the field does? pymavlink packing and decoding, to compare machines by."""
+"""Yardstick of a machine's speed: packing and decoding by pymavlink, to compare machines by."""
 
 from __future__ import annotations
 

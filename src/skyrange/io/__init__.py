@@ -1,1 +1,1 @@
-"""Sockets, subprocesses and ports: the only room where the outside world gets in."""
+"""Sockets, subprocesses and ports: the only package that communicates with other programs."""

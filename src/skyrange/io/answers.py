@@ -1,4 +1,4 @@
-"""What does another program say when it is run once, in an empty folder, with little patience?"""
+"""A single run of another program in an empty folder, with a deadline; its exit and its output."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from typing import Final, NamedTuple
 from skyrange.core.errors import ComponentError
 from skyrange.io.programs import OUTPUT, Program
 
-MOST_BYTES: Final = 1 << 20
-"""Of an answer no more than this is read."""
+MAX_BYTES: Final = 1 << 20
+"""No more of the output is read."""
 
 _LOOK_S: Final = 0.005
 
 
 class Answer(NamedTuple):
-    """How a program ended ("exit 0", "signal SIGSEGV"), and what it printed, standard error among it."""
+    """How a program ended ("exit 0", "signal SIGSEGV"), and its output, standard error included."""
 
     ended: str
     text: str
 
 
 def ask(program: Path, *arguments: str, deadline_s: float, who: str = "") -> Answer:
-    """Run `program` with `arguments` in an empty folder that is gone afterwards, and read what it prints.
+    """Run `program` with `arguments` in an empty folder, which is removed afterwards; its output.
 
-    Raises `ComponentError`, blaming `who` (the program, if not given), if it cannot be started, or has not ended after
-    `deadline_s` of wall time; it is killed then.
+    Raises `ComponentError` in the name of `who` (the program, if not given) if it cannot be started, or has not ended
+    after `deadline_s` of wall time; it is killed then.
     """
     who = who or str(program)
     until = time.monotonic() + deadline_s
@@ -40,17 +40,17 @@ def ask(program: Path, *arguments: str, deadline_s: float, who: str = "") -> Ans
         try:
             while child.running:
                 if time.monotonic() > until:
-                    said = f"`{' '.join(arguments)}`"
-                    raise ComponentError(who, f"did not answer {said} within {deadline_s:g} s of wall time")
+                    call = f"`{' '.join(arguments)}`"
+                    raise ComponentError(who, f"did not answer {call} within {deadline_s:g} s of wall time")
                 time.sleep(_LOOK_S)
         finally:
             child.kill()
         with (folder / OUTPUT).open("rb") as output:
-            return Answer(child.ended, output.read(MOST_BYTES).decode("utf-8", "replace"))
+            return Answer(child.ended, output.read(MAX_BYTES).decode("utf-8", "replace"))
 
 
 def _why(program: Path, error: BaseException | None) -> tuple[str, str]:
-    """What kept the program from starting, and what may help."""
+    """The reason why the program did not start, and a hint."""
     if isinstance(error, FileNotFoundError) and program.exists():
         hint = "On a system with musl (Alpine) programs built for glibc do not run."
         return "the loader that it names is not on this machine", hint

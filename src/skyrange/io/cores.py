@@ -1,9 +1,10 @@
-"""How do we and a program that takes turns with us share one processor core?
+"""Sharing of one processor core by this thread and a program that takes turns with it.
 
-It computes while we wait, and waits while we do. On two cores each turn wakes a core that has just gone to sleep, which
-takes as long as a step of ArduPilot, and finds its caches cold. So the program is kept on the core that we are on, and
-gets it when we wait. We ourselves stay free to be moved, and it follows: to bind our thread would bind every thread
-that is begun in it later. Where another program wants the core too, we part for a while.
+The program computes while this thread waits, and waits while it computes. On two cores each turn wakes a core that has
+just gone to sleep, which takes as long as a step of ArduPilot, and finds its caches cold. So the program is kept on the
+core of this thread, and gets it when the thread waits. The thread itself may be moved, and the program follows: to pin
+the thread would pin every thread that it starts later. If another program uses the core too, the two separate for a
+while.
 """
 
 from __future__ import annotations
@@ -15,35 +16,35 @@ from time import monotonic
 
 from skyrange.io.programs import Program
 
-_LONG_S = 0.001
-"""Who gets the core back so late had to share it with somebody else: the least slice of Linux is longer."""
-_APART_S = 1.0
+_SHARED_S = 0.001
+"""If the core comes back later than this, a third program has used it: the shortest time slice of Linux is longer."""
+_SEPARATE_S = 1.0
 
 
 class Pair:
-    """One program and this thread. Where the system is not Linux it does nothing."""
+    """One program and this thread. On systems other than Linux it does nothing."""
 
     def __init__(self, program: Program) -> None:
         self._program = program
         self._core = -1
-        self._apart_until = 0.0
+        self._separate_until = 0.0
         self._core_now = None
         if sys.platform == "linux":
             self._core_now = getattr(ctypes.CDLL(None), "sched_getcpu", None)
 
     def give_way(self) -> None:
-        """Let it compute: called when it has got its work, before waiting for its answer."""
+        """Let the program compute: call it after sending work, before waiting for the answer."""
         if self._core_now is None:
             return
         began = monotonic()
-        if began < self._apart_until:
+        if began < self._separate_until:
             return
         core = self._core_now()
         if core != self._core:
             self._core = core
             self._program.keep_to({core})
         os.sched_yield()
-        if monotonic() - began > _LONG_S:
+        if monotonic() - began > _SHARED_S:
             self._core = -1
             self._program.keep_to(os.sched_getaffinity(0))
-            self._apart_until = began + _APART_S
+            self._separate_until = began + _SEPARATE_S

@@ -1,7 +1,7 @@
-"""Who may speak on a ZeroMQ link? CURVE key pairs, and the files that keep them.
+"""CURVE key pairs of ZeroMQ sockets, and the files that keep them.
 
 The files are ZeroMQ's usual certificates (`NAME.key` with the public key, `NAME.key_secret` with both),
-as czmq and pyzmq write them. Both are made for their owner alone (0600); only `.key` is given to others.
+as czmq and pyzmq write them. Both are readable by their owner only (0600); only `.key` is given to others.
 Curve and encoding: https://rfc.zeromq.org/spec/26 (CurveZMQ), https://rfc.zeromq.org/spec/32 (Z85).
 """
 
@@ -22,10 +22,10 @@ from skyrange.core.errors import InputError
 
 PUBLIC_SUFFIX = ".key"
 SECRET_SUFFIX = ".key_secret"  # noqa: S105 (the end of a name)
-MOST_BYTES = 65_536
-"""A certificate takes about 400."""
+MAX_BYTES = 65_536
+"""Longest certificate; one has about 400."""
 RANGE = "range"
-"""The name of the pair of who starts a range, in the folder that holds all of its keys."""
+"""The name of the range's own pair, in the folder that holds all of its keys."""
 _RANGE_KEY = b"range-key"
 """In the secret file of a machine that joins: the public key of the range."""
 _WHO = "keys"
@@ -35,7 +35,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
 class KeyFile(NamedTuple):
-    """What a certificate holds, in Z85; `secret` is `None` in the file that is given to others."""
+    """The content of a certificate, in Z85; `secret` is `None` in the file that is given to others."""
 
     public: bytes
     secret: bytes | None
@@ -43,10 +43,9 @@ class KeyFile(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Keys:
-    """One side's own key pair, and the public keys of those it will speak with, all in Z85.
+    """One side's own key pair, and the public keys of its peers, all in Z85.
 
-    The side that connects knows one peer, the side that binds as many as may come. The secret stays
-    out of `repr`.
+    The side that connects has one peer, the side that binds any number. The secret is not part of `repr`.
     """
 
     public: bytes
@@ -55,7 +54,7 @@ class Keys:
 
     @classmethod
     def load(cls, own: Path, peers: Iterable[Path]) -> Keys:
-        """From the own secret file and the peers' public files. `InputError` names the file that is wrong."""
+        """Load the own secret file and the peers' public files. Raises `InputError` with the file that is wrong."""
         mine = load_keys(own)
         if mine.secret is None:
             hint = f"Give the file that ends in {SECRET_SUFFIX}."
@@ -63,11 +62,11 @@ class Keys:
         return cls(mine.public, mine.secret, frozenset(load_keys(peer).public for peer in peers))
 
 
-def make_keys(folder: Path, name: str, told: Mapping[str, str] | None = None) -> tuple[Path, Path]:
-    """Make a key pair; returns `folder/NAME.key` and `folder/NAME.key_secret`, both 0600, with `told` in them.
+def make_keys(folder: Path, name: str, metadata: Mapping[str, str] | None = None) -> tuple[Path, Path]:
+    """Make a key pair; returns `folder/NAME.key` and `folder/NAME.key_secret`, both 0600, with `metadata` in them.
 
-    Makes the folder (0700) where there is none. `InputError` if either file is there already, since
-    whoever trusts the old key would be locked out, or cannot be written.
+    Makes the folder (0700) if there is none. Raises `InputError` if either file exists, since peers that trust the old
+    key would be locked out, or cannot be written.
     """
     if not _NAME.fullmatch(name):
         raise InputError.one(_WHO, "name", name, "1 to 64 letters, digits, '-', '_' or '.', a letter or digit first")
@@ -76,10 +75,10 @@ def make_keys(folder: Path, name: str, told: Mapping[str, str] | None = None) ->
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         for path in paths:
-            # made beforehand: what is opened for writing later keeps these permissions, and was never open to others
+            # made beforehand: a file opened for writing later keeps these permissions, and others could never read it
             os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
             made.append(path)
-        zmq.auth.create_certificates(folder, name, dict(told or {}))
+        zmq.auth.create_certificates(folder, name, dict(metadata or {}))
     except OSError as error:
         for path in made:
             path.unlink()
@@ -92,9 +91,9 @@ def make_keys(folder: Path, name: str, told: Mapping[str, str] | None = None) ->
 
 
 def make_range_keys(folder: Path, names: Iterable[str]) -> list[Path]:
-    """Make a range's pair in `folder`, unless it is there, and one for each machine that shall join; the secret files.
+    """Make a range's pair in `folder`, unless it is there, and one for each machine of `names`; the secret files.
 
-    The file `NAME.key_secret` goes to that machine: it knows the range's public key, and the range knows it by
+    The file `NAME.key_secret` goes to that machine: it has the range's public key, and the range accepts the machine by
     `NAME.key`, until that is deleted. `InputError` as `make_keys`.
     """
     own = folder / (RANGE + SECRET_SUFFIX)
@@ -108,7 +107,7 @@ def make_range_keys(folder: Path, names: Iterable[str]) -> list[Path]:
 
 
 def load_range(folder: Path) -> Keys:
-    """The range's own keys in `folder`, and those of all machines that may join."""
+    """Load the range's own keys in `folder`, and those of all machines that may join."""
     own = folder / (RANGE + SECRET_SUFFIX)
     if not own.is_file():
         hint = f"`skyrange keys {folder} NAME` makes it."
@@ -118,9 +117,9 @@ def load_range(folder: Path) -> Keys:
 
 
 def load_member(path: Path) -> Keys:
-    """The keys of a machine that joins: its own, and the range's public one."""
+    """Load the keys of a machine that joins: its own, and the range's public one."""
     mine = load_keys(path)
-    theirs = _entry(path, path.read_bytes()[:MOST_BYTES], _RANGE_KEY)
+    theirs = _entry(path, path.read_bytes()[:MAX_BYTES], _RANGE_KEY)
     if mine.secret is None or theirs is None:
         what = "only a public key" if mine.secret is None else "no key of a range"
         hint = f"`skyrange keys FOLDER NAME` makes NAME{SECRET_SUFFIX}."
@@ -129,23 +128,25 @@ def load_member(path: Path) -> Keys:
 
 
 def load_keys(path: Path) -> KeyFile:
-    """Read a certificate. `InputError` if it is none, or holds a secret that others can read."""
+    """Read a certificate. Raises `InputError` if it is none, or holds a secret that others can read."""
     try:
         with path.open("rb") as file:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-            data = file.read(MOST_BYTES + 1)
+            data = file.read(MAX_BYTES + 1)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise InputError.one(_WHO, str(path), reason, "a key file", "`skyrange keys` makes one.") from error
-    if len(data) > MOST_BYTES:
-        raise InputError.one(_WHO, str(path), f"more than {MOST_BYTES} bytes", "a ZeroMQ certificate")
+    if len(data) > MAX_BYTES:
+        raise InputError.one(_WHO, str(path), f"more than {MAX_BYTES} bytes", "a ZeroMQ certificate")
     public, secret = _entry(path, data, b"public-key"), _entry(path, data, b"secret-key")
     if public is None:
         raise InputError.one(_WHO, str(path), "no public-key", "a ZeroMQ certificate", "`skyrange keys` makes one.")
     if secret is not None:
         if mode & 0o077:
             hint = f"chmod 600 {path}, or make a new key if others may have read it."
-            raise InputError.one(_WHO, str(path), f"permissions {mode:04o}", "a secret that only its owner reads", hint)
+            raise InputError.one(
+                _WHO, str(path), f"permissions {mode:04o}", "a secret that only its owner can read", hint
+            )
         if zmq.curve_public(secret) != public:
             raise InputError.one(_WHO, str(path), "a public-key that is not the secret-key's", "a pair")
     return KeyFile(public, secret)

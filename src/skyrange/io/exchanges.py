@@ -1,8 +1,7 @@
-"""How do the exchanges with many processes cost one call, instead of two for each? libc, called from compiled code.
+"""Batched exchanges with many SITL processes: libc's socket calls made from compiled code.
 
-What is as usual, a servo packet of the peer's under a new count, is taken here. Anything else (nothing for a while, a
-stranger, another peer) is left to `LockstepSitl`, one place that knows what to make of it. Where the system is not
-Linux everything is.
+The usual case, a servo packet of the peer with a new count, is handled here. Anything else (nothing for a while, a
+stranger, another peer) is left to `LockstepSitl`, and on systems other than Linux everything is.
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 BYTES: Final = 256
-"""Of a datagram that is read, as `LockstepSitl` does; a servo packet has 40 or 72."""
+"""Bytes of a datagram that are read, as by `LockstepSitl`; a servo packet has 40 or 72."""
 _MAGICS: Final = np.array([int.from_bytes(magic, "little") for magic in SIZES])
 _SIZES: Final = np.array([*SIZES.values()])
 _ADDRESS: Final = 16
-"""Bytes of Linux' `sockaddr_in`, of which the first eight say something: family, port and address (ip(7))."""
+"""Size of Linux' `sockaddr_in` in bytes; the first eight hold family, port and address (ip(7))."""
 _PLACE: Final = 8
 
 _UDP_SEGMENT: Final = 103
-"""linux/udp.h, Linux 4.18: one call sends several datagrams of a size, the last may be shorter."""
+"""linux/udp.h, Linux 4.18: one call sends several datagrams of one size, the last may be shorter."""
 _SEGMENT_LENGTH: Final = 18
-"""Of the `cmsghdr` that says how long they are: two words of eight bytes, and two bytes (cmsg(3))."""
+"""Length of the `cmsghdr` with that size: two words of eight bytes, and two bytes (cmsg(3))."""
 _BLANK: Final = ord(" ")
 
 _sendmsg: Any = types.ExternalFunction("sendmsg", types.int64(types.int32, types.voidptr, types.int32))
@@ -47,13 +46,13 @@ _recvfrom: Any = types.ExternalFunction(
 
 
 class Exchanges:
-    """With processes that have all spoken once; a row is one's place among `sitls`."""
+    """Exchanges with processes that have all answered once; a row is a process's place in `sitls`."""
 
     def __init__(self, sitls: Sequence[LockstepSitl], most: int = 1) -> None:
-        """At most so many lines for each at once."""
+        """`most` is the number of lines that a process gets at once at most."""
         count = len(sitls)
         self.taken: Ints = np.zeros(count, dtype=np.int64)
-        """(n,) answers since the last lines."""
+        """(n,) number of answers since the last lines."""
         self._sitls = sitls
         self._compiled = sys.platform == "linux"
         self._sockets = np.array([sitl.fileno for sitl in sitls], dtype=np.int32)
@@ -63,29 +62,29 @@ class Exchanges:
         self._sizes: Ints = np.zeros(count, dtype=np.int64)
         self._senders = np.zeros((count, _ADDRESS), dtype=np.uint8)
         self._envelope: Ints = np.zeros(7, dtype=np.int64)
-        """Linux' `msghdr`: peer and its length, parts and how many, control and its length, flags."""
-        # one alone would be woken by its first line, take our core, and sleep until we have sent it the next;
+        """Linux' `msghdr`: peer and its length, parts and their number, control and its length, flags."""
+        # a single process would be woken by its first line, take this core, and sleep until the next line is sent;
         # of several each finds a core or waits for one, and what is saved here costs them as much (measured)
         together = self._compiled and count == 1 and _segments()
         self._parts: Ints = np.zeros((most if together else 0, 2), dtype=np.int64)
-        """An `iovec` per line, address and length; none where lines go out one by one."""
+        """An `iovec` per line, address and length; empty if lines are sent one by one."""
         self._control = np.array([_SEGMENT_LENGTH, socket.IPPROTO_UDP | _UDP_SEGMENT << 32, 0])
-        self._odd = np.zeros(count, dtype=np.bool_)
-        """Whether something was read of each that `LockstepSitl` has to judge."""
+        self._unusual = np.zeros(count, dtype=np.bool_)
+        """(n,) whether a datagram was read that is left to `LockstepSitl`."""
         for row in range(count):
-            self._learn(row)
+            self._update_peer(row)
 
     @property
     def answers(self) -> Bytes:
-        """(k, n, bytes) the first of each to the last lines, the second, …: pulse widths in µs, little-endian."""
+        """(k, n, bytes) the k-th answer of each process to the last lines: pulse widths in µs, little-endian."""
         return self._heard[:, :, HEAD:]
 
     def send(self, rows: Ints, counts: Ints, text: Bytes, lengths: Ints) -> None:
-        """Let each of `rows` compute as many steps as `counts` (n,) has; it has answered all before.
+        """Send each of `rows` the lines for as many steps as `counts` (n,) has; all lines before were answered.
 
-        Its lines are its rows of `text` (k, n, bytes), so long as `lengths` (k, n) has; blanks may follow one in `text`
-        and on the way. One after the other gets all of them: a process that has them does not fall asleep between two
-        steps.
+        The lines of a process are its rows of `text` (k, n, bytes), with `lengths` (k, n) in bytes; blanks may follow a
+        line in `text` and in the datagram. Each process gets all its lines at once, so that it does not fall asleep
+        between two steps.
         """
         if self._compiled:
             _send(
@@ -101,37 +100,37 @@ class Exchanges:
     def take(self, rows: Ints, counts: Ints) -> list[int]:
         """Wait for the answers of each of `rows`, as many as `counts` (n,) has, and take them.
 
-        Returns those where `take_late` has to do so, as often as answers are missing.
+        Returns the rows for which `take_late` has to be called, once for each missing answer.
         """
         if self._compiled and _take(
             rows, counts, self._sockets, self._peers, self._counts, self._heard, self._sizes, self._senders, self.taken,
-            self._odd,
+            self._unusual,
         ):  # fmt: skip
             return []
         return [int(row) for row in rows if self.taken[row] < counts[row]]
 
     def take_late(self, row: int, deadline: float) -> bool:
-        """Take the next answer of one, as `LockstepSitl.servos`; False where there is none."""
+        """Take the next answer of one process, as `LockstepSitl.servos`; False if there is none."""
         sitl, turn = self._sitls[row], self.taken[row]
         sitl.count = int(self._counts[row])
         first = None
-        if self._odd[row]:
-            self._odd[row] = False
+        if self._unusual[row]:
+            self._unusual[row] = False
             host, port = self._senders[row, 4:_PLACE].tobytes(), self._senders[row, 2:4].tobytes()
             first = (
                 self._heard[turn, row, : self._sizes[row]].tobytes(),
                 (socket.inet_ntoa(host), int.from_bytes(port, "big")),
             )
         answer = sitl.servos(deadline, first)
-        self._learn(row)
+        self._update_peer(row)
         if answer is None:
             return False
         self._heard[turn, row, HEAD : HEAD + len(answer)] = np.frombuffer(answer, dtype=np.uint8)
         self.taken[row] += 1
         return True
 
-    def _learn(self, row: int) -> None:
-        """Take over whom a process is and what it said last."""
+    def _update_peer(self, row: int) -> None:
+        """Copy the peer of a process, and the count of its last answer."""
         sitl = self._sitls[row]
         assert sitl.peer is not None
         host, port = sitl.peer
@@ -141,7 +140,7 @@ class Exchanges:
 
 
 def _segments() -> bool:
-    """Whether the system sends several datagrams by one call, with the numbers above where they are expected."""
+    """Whether the system can send several datagrams by one call, with the layout assumed above."""
     if struct.calcsize("P") != 8 or sys.byteorder != "little":
         return False
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -165,10 +164,10 @@ def _send(
     parts: Ints,
     control: Ints,
 ) -> None:
-    for row in rows:  # one that has died is told by its answer
+    for row in rows:  # a process that has died shows by its missing answer
         taken[row] = 0
         if 1 < counts[row] <= len(parts):
-            _stuff(text[: counts[row], row], lengths[: counts[row], row], peers[row], envelope, parts, control)
+            _fill_envelope(text[: counts[row], row], lengths[: counts[row], row], peers[row], envelope, parts, control)
             if _sendmsg(sockets[row], envelope.ctypes, 0) >= 0:
                 continue
         for turn in range(counts[row]):
@@ -176,8 +175,8 @@ def _send(
 
 
 @kernel
-def _stuff(lines: Bytes, lengths: Ints, peer: Bytes, envelope: Ints, parts: Ints, control: Ints) -> None:
-    """Fill the envelope with some lines for a peer; all but the last are made as long as the longest."""
+def _fill_envelope(lines: Bytes, lengths: Ints, peer: Bytes, envelope: Ints, parts: Ints, control: Ints) -> None:
+    """Fill the `msghdr` with some lines for a peer; all but the last are padded to the longest."""
     size = 0
     for length in lengths:
         size = max(size, length)
@@ -204,26 +203,26 @@ def _take(
     sizes: Ints,
     senders: Bytes,
     taken: Ints,
-    odd: NDArray[np.bool_],
+    unusual: NDArray[np.bool_],
 ) -> bool:
-    """Whether all is taken."""
+    """Take the answers that have come; whether all have."""
     whole = True
     room = np.empty(1, dtype=np.uint32)
     for row in rows:
         while taken[row] < wanted[row]:
-            said = heard[taken[row], row]
+            packet = heard[taken[row], row]
             room[0] = _ADDRESS
-            size = _recvfrom(sockets[row], said.ctypes, BYTES, 0, senders[row].ctypes, room.ctypes)
+            size = _recvfrom(sockets[row], packet.ctypes, BYTES, 0, senders[row].ctypes, room.ctypes)
             if size < 0:  # nothing for a while, or a signal
                 break
             sizes[row] = size
-            if not _is_servos(said, size) or not _is_same(senders[row], peers[row]):
-                odd[row] = True
+            if not _is_servos(packet, size) or not _is_same(senders[row], peers[row]):
+                unusual[row] = True
                 break
             count = np.int64(0)
             for place in range(4):
-                count |= np.int64(said[4 + place]) << np.int64(8 * place)
-            if count != counts[row]:  # else it was said again
+                count |= np.int64(packet[4 + place]) << np.int64(8 * place)
+            if count != counts[row]:  # else it is a repetition
                 counts[row] = count
                 taken[row] += 1
         whole = whole and taken[row] >= wanted[row]

@@ -1,7 +1,7 @@
-"""Who may hold a connection to an HTTP end, and for how long? aiohttp's server, with limits on both.
+"""HTTP server with a limit on the number of connections and on the time that a client may take.
 
-aiohttp itself answers what is not HTTP with 400, bounds lines, headers and pipelined requests, and closes a
-connection that brings no whole header within `patience_s`.
+aiohttp itself answers bytes that are not HTTP with 400, bounds lines, headers and pipelined requests, and closes a
+connection that sends no complete header within `patience_s`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 
 from aiohttp import web
 
-MOST_CONNECTIONS = 128
+MAX_CONNECTIONS = 128
 LINGER_S = 1.0
 _NOT_HTTP = "UNKNOWN"
 """aiohttp's method of a request that it could not read."""
@@ -23,18 +23,18 @@ _LOG.propagate = False  # a flood of bad requests would fill the standard error
 
 
 class LimitedServer(web.Server):
-    """At most `MOST_CONNECTIONS` at a time. Who comes then is turned away; who says nothing is closed and counted."""
+    """aiohttp's server with at most `MAX_CONNECTIONS` at a time: more are refused, silent ones closed and counted."""
 
     def __init__(self, handler: Callable[[web.BaseRequest], Awaitable[web.StreamResponse]], patience_s: float) -> None:
         """`handler` answers each request that is HTTP."""
-        self.turned_away = 0
+        self.refused = 0
         self.not_http = 0
         self.silent = 0
-        """Connections that ended without one whole header."""
-        self._mute: set[web.RequestHandler] = set()
+        """Connections that ended without one complete header."""
+        self._without_header: set[web.RequestHandler] = set()
         super().__init__(
             handler,
-            request_factory=self._hear,
+            request_factory=self._make,
             keepalive_timeout=patience_s,
             lingering_time=LINGER_S,
             auto_decompress=False,
@@ -45,21 +45,21 @@ class LimitedServer(web.Server):
     def connection_made(self, handler: web.RequestHandler, transport: asyncio.Transport) -> None:
         """Called by aiohttp."""
         super().connection_made(handler, transport)
-        if len(self.connections) > MOST_CONNECTIONS:
-            self.turned_away += 1
+        if len(self.connections) > MAX_CONNECTIONS:
+            self.refused += 1
             transport.abort()
             return
         transport.set_write_buffer_limits(high=0)  # so that an answer is out, or its writing is not done
-        self._mute.add(handler)
+        self._without_header.add(handler)
 
     def connection_lost(self, handler: web.RequestHandler, exc: BaseException | None = None) -> None:
         """Called by aiohttp."""
         super().connection_lost(handler, exc)
-        if handler in self._mute:
-            self._mute.discard(handler)
+        if handler in self._without_header:
+            self._without_header.discard(handler)
             self.silent += 1
 
-    def _hear(self, message: Any, payload: Any, protocol: Any, writer: Any, task: Any) -> web.BaseRequest:
-        self._mute.discard(protocol)
+    def _make(self, message: Any, payload: Any, protocol: Any, writer: Any, task: Any) -> web.BaseRequest:
+        self._without_header.discard(protocol)
         self.not_http += message.method == _NOT_HTTP
         return self._make_request(message, payload, protocol, writer, task)

@@ -1,9 +1,9 @@
-"""How does the `approval` link cross HTTP? A server's end for the approval, a client's end for a ground station.
+"""HTTP transport of the `approval` link: a server for the approval, a client for a ground station.
 
 A request frame is an HTTP request and a response frame its response, so that `curl` can file an operational
-intent and a foreign service can decide. HTTP promises no order among requests that are under way together,
-and neither do these ends. What a peer said in HTTP is handed out as a frame; what was lost is counted, and
-no frame made up for it: the ground station asks again in its own time.
+intent and a foreign service can decide. HTTP guarantees no order among concurrent requests, and neither do these
+transports. Each HTTP message of a peer becomes a frame. A lost message is counted, and no frame is made up for it:
+the ground station repeats its request in its own time.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from skyrange.io.http_frames import JSON_TYPE, MAX_BYTES
 from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
 
 ANSWER_S = 10.0
-"""How long a request waits for its answer; a ground station has asked six times by then."""
+"""How long a request waits for its response; a ground station has repeated it six times by then."""
 PATIENCE_S = 10.0
-"""How long a client may take for a header, a body, and for reading its answer."""
+"""How long a client may take for a header, for a body, and for reading its response."""
 CLIENT_S = ANSWER_S + 5.0
-"""So that a server's 504 is heard."""
-MOST_OPEN = 256
-"""Requests that wait for their answers at one end."""
+"""Long enough to receive a server's 504."""
+MAX_OPEN = 256
+"""Requests that wait for their responses at one transport."""
 METHODS = ("PUT", "POST")
-"""A POST stands for a PUT of the same path: many clients know it better (`curl --json`)."""
+"""A POST is taken as a PUT of the same path: many clients make it more easily (`curl --json`)."""
 _REMEDY = "Give it a token."
 
 
 @dataclass(slots=True)
 class Counts:
-    """What an end took and gave so far."""
+    """Messages so far."""
 
     frames: int = 0
-    """Messages that were handed out."""
+    """Received messages that became frames."""
     garbage: int = 0
-    """Messages that came and are no frame: not HTTP, not JSON, another method, too long, too slow."""
+    """Received messages that are no frame: not HTTP, not JSON, another method, too long, too slow."""
     sent: int = 0
     overflowed: int = 0
-    """Beyond what may be open: of a server requests refused, of a client frames not sent."""
+    """Above `MAX_OPEN`: of a server requests refused, of a client frames not sent."""
     unasked: int = 0
     """Frames that answer no open request."""
     unfit: int = 0
@@ -55,17 +55,17 @@ class Counts:
     refused: int = 0
     """Messages without the right token."""
     lost: int = 0
-    """Requests without an answer: of a server answered with 504, of a client not answered at all."""
+    """Requests without a response: of a server answered with 504, of a client not answered at all."""
 
 
 @dataclass(slots=True, eq=False)
-class _Open:
+class _OpenRequest:
     path: str
     answer: asyncio.Future[http_frames.Response]
 
 
 class HttpServerEnd:
-    """The approval's end: requests come in and become frames, response frames answer them."""
+    """The approval's side: received requests become frames, response frames answer them."""
 
     def __init__(
         self, on_piece: OnPiece, token: str | None, on_note: OnNote, answer_s: float, patience_s: float
@@ -77,8 +77,8 @@ class HttpServerEnd:
         self._answer_s = answer_s
         self._patience_s = patience_s
         self._counts = Counts()
-        self._open: list[_Open] = []
-        self._door = LimitedServer(self._serve, patience_s)
+        self._open: list[_OpenRequest] = []
+        self._limited = LimitedServer(self._serve, patience_s)
         self._server: asyncio.Server | None = None
         self._ending: asyncio.Task[None] | None = None
         self._address: Address = ("", 0)
@@ -94,14 +94,14 @@ class HttpServerEnd:
         answer_s: float = ANSWER_S,
         patience_s: float = PATIENCE_S,
     ) -> HttpServerEnd:
-        """Listen at `local` (port 0: any free one), for those with `token` as their bearer token (RFC 6750).
+        """Listen at `local` (port 0: any free one), for clients with `token` as their bearer token (RFC 6750).
 
-        `OSError` names an address that cannot be had; `InputError` one beyond loopback without a token.
+        Raises `OSError` with an address that cannot be had, `InputError` with one beyond loopback without a token.
         """
         must_be_guarded("HTTP", local, token is not None, _REMEDY)
         end = cls(on_piece, token, on_note, answer_s, patience_s)
         try:
-            server = await asyncio.get_running_loop().create_server(end._door, *local)
+            server = await asyncio.get_running_loop().create_server(end._limited, *local)
         except OSError as error:
             raise naming(local, error) from error
         end._server = server
@@ -110,14 +110,14 @@ class HttpServerEnd:
 
     @property
     def counts(self) -> Counts:
-        """What it took and gave so far."""
-        door = self._door
+        """Messages so far."""
+        server = self._limited
         counts = self._counts
         return Counts(
             counts.frames,
-            counts.garbage + door.not_http + door.silent,
+            counts.garbage + server.not_http + server.silent,
             counts.sent,
-            counts.overflowed + door.turned_away,
+            counts.overflowed + server.refused,
             counts.unasked,
             counts.unfit,
             counts.refused,
@@ -126,14 +126,14 @@ class HttpServerEnd:
 
     @property
     def address(self) -> Address:
-        """Where it listens."""
+        """The address at which it listens."""
         return self._address
 
     def send(self, payload: bytes) -> bool:
-        """Answer the oldest open request of the frame's path; `False`, and counted, if there is none.
+        """Answer the oldest open request of the frame's path; returns `False`, and counts it, if there is none.
 
-        An error may name another path than its request did, as where that could not be read. It
-        answers the oldest open request of all, since the service answers in order.
+        An error may name another path than its request did, for instance if that could not be read. It answers the
+        oldest open request of all, since the service answers in order.
         """
         try:
             response = http_frames.read_response(payload)
@@ -152,7 +152,7 @@ class HttpServerEnd:
         return True
 
     def close(self) -> None:
-        """Give the port back, and end the connections when what was sent has gone out; open requests get a 503."""
+        """Give the port back, and end the connections after what was sent has gone out; open requests get a 503."""
         if self._server is None:
             return
         self._server.close()
@@ -161,8 +161,8 @@ class HttpServerEnd:
         for request in self._open:
             request.answer.set_result(http_frames.Response(503, request.path, gone))
         self._open.clear()
-        self._door.pre_shutdown()
-        self._ending = asyncio.get_running_loop().create_task(self._door.shutdown(1.0))
+        self._limited.pre_shutdown()
+        self._ending = asyncio.get_running_loop().create_task(self._limited.shutdown(1.0))
 
     # --- one request -----------------------------------------------------------------------------
 
@@ -189,11 +189,11 @@ class HttpServerEnd:
         if refusal is not None:
             self._counts.garbage += 1
             return refusal
-        if len(self._open) >= MOST_OPEN or self._server is None:
+        if len(self._open) >= MAX_OPEN or self._server is None:
             self._counts.overflowed += 1
             return _error(503, "too many requests are open", {"Retry-After": "1"})
         loop = asyncio.get_running_loop()
-        waiting = _Open(path, loop.create_future())
+        waiting = _OpenRequest(path, loop.create_future())
         self._open.append(waiting)
         self._counts.frames += 1
         self._on_piece(Piece(frame, garbage=False))
@@ -209,7 +209,7 @@ class HttpServerEnd:
         return web.Response(status=answer.status, body=answer.body, content_type=JSON_TYPE, headers=where)
 
     async def _read(self, request: web.BaseRequest) -> tuple[web.Response | None, bytes, str]:
-        """A refusal, or else the frame and its path."""
+        """An error response, or else the frame and its path."""
         path = request.path
         if request.method not in METHODS:
             return _error(405, "an operational intent is PUT", {"Allow": ", ".join(METHODS)}), b"", path
@@ -232,7 +232,7 @@ class HttpServerEnd:
 
 
 class HttpClientEnd:
-    """A ground station's end: request frames are made requests, their responses become frames."""
+    """A ground station's side: request frames become requests, their responses become frames."""
 
     def __init__(self, on_piece: OnPiece, on_note: OnNote, base: URL, session: aiohttp.ClientSession) -> None:
         """Called by `open`."""
@@ -241,7 +241,7 @@ class HttpClientEnd:
         self._on_note = on_note
         self._base = base
         self._session = session
-        self._under_way: set[asyncio.Task[None]] = set()
+        self._requests: set[asyncio.Task[None]] = set()
         self._ending: asyncio.Task[None] | None = None
 
     @classmethod
@@ -254,9 +254,9 @@ class HttpClientEnd:
         on_note: OnNote = ignore_note,
         answer_s: float = CLIENT_S,
     ) -> HttpClientEnd:
-        """For requests to `remote`, which need not be there yet: each connects by itself.
+        """A client for requests to `remote`, which need not be there yet: each request connects by itself.
 
-        `InputError` names an address beyond loopback without a token.
+        Raises `InputError` with an address beyond loopback without a token.
         """
         must_be_guarded("HTTP", remote, token is not None, _REMEDY)
         headers = {"Accept": JSON_TYPE, "Accept-Encoding": "identity", "Content-Type": JSON_TYPE}
@@ -264,7 +264,7 @@ class HttpClientEnd:
             headers["Authorization"] = f"Bearer {token}"
         session = aiohttp.ClientSession(
             headers=headers,
-            connector=aiohttp.TCPConnector(limit=MOST_OPEN),
+            connector=aiohttp.TCPConnector(limit=MAX_OPEN),
             timeout=aiohttp.ClientTimeout(total=answer_s),
             cookie_jar=aiohttp.DummyCookieJar(),
             auto_decompress=False,
@@ -274,14 +274,14 @@ class HttpClientEnd:
 
     @property
     def address(self) -> Address:
-        """Where requests go."""
+        """The address to which requests go."""
         return self._base.host or "", self._base.port or 0
 
     def send(self, payload: bytes) -> bool:
-        """Make a frame's request, in the background; `False`, and counted, if it is none or too many are under way."""
+        """Make a frame's request in the background; `False`, and counted, if it is none or too many are open."""
         if self._session.closed or self._ending is not None:
             return False
-        if len(self._under_way) >= MOST_OPEN:
+        if len(self._requests) >= MAX_OPEN:
             self.counts.overflowed += 1
             return False
         try:
@@ -289,32 +289,32 @@ class HttpClientEnd:
         except DecodeError:
             self.counts.unfit += 1
             return False
-        task = asyncio.get_running_loop().create_task(self._ask(request))
-        self._under_way.add(task)
-        task.add_done_callback(self._under_way.discard)
+        task = asyncio.get_running_loop().create_task(self._request(request))
+        self._requests.add(task)
+        task.add_done_callback(self._requests.discard)
         self.counts.sent += 1
         return True
 
     def close(self) -> None:
-        """End; what has no answer gets none."""
+        """Cancel the open requests, and end the session."""
         if self._ending is None:
-            for task in self._under_way:
+            for task in self._requests:
                 task.cancel()
             self._ending = asyncio.get_running_loop().create_task(self._session.close())
 
-    async def _ask(self, request: http_frames.Request) -> None:
+    async def _request(self, request: http_frames.Request) -> None:
         url = self._base.with_path(http_frames.quoted(request.path), encoded=True)
         try:
             async with self._session.request(request.method, url, data=request.body, allow_redirects=False) as response:
                 body = await _bounded(response.content, response.content_length)
-                self._hear(response.status, response.headers.get("Content-Location"), request.path, body)
+                self._receive(response.status, response.headers.get("Content-Location"), request.path, body)
         except (aiohttp.ClientError, OSError, TimeoutError, ValueError) as error:
             self.counts.lost += 1
             if worth_noting(self.counts.lost):
                 reason = str(error) or type(error).__name__
                 self._on_note("lost", f"{text(self.address)}: {reason}, {self.counts.lost} so far")
 
-    def _hear(self, status: int, where: str | None, path: str, body: bytes | None) -> None:
+    def _receive(self, status: int, where: str | None, path: str, body: bytes | None) -> None:
         try:
             if body is None:
                 raise DecodeError(f"more than {MAX_BYTES} bytes")
@@ -330,7 +330,7 @@ class HttpClientEnd:
 
 
 async def _bounded(content: aiohttp.StreamReader, announced: int | None) -> bytes | None:
-    """A whole body, or `None` if it is too long; no more than that is taken in."""
+    """A complete body, or `None` if it is longer than `MAX_BYTES`; no more than that is read."""
     if announced is not None and announced > MAX_BYTES:
         return None
     body = bytearray()

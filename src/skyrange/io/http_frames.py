@@ -1,8 +1,8 @@
-"""How does an approval frame become an HTTP message, and back? Method, path and status move; the body stays JSON.
+"""Conversion between approval frames and HTTP messages: method, path and status move, the body stays JSON.
 
 A frame is the JSON object of `skyrange.utm.messages`: `{"method", "path", "body"}` or
-`{"status", "path", "body"}`. Frames are made here as the agents make them (ASCII, keys sorted, no spaces), so
-those of the agents cross HTTP byte for byte. What the members mean is the agents' affair.
+`{"status", "path", "body"}`. Frames are serialised as the agents do (ASCII, keys sorted, no spaces), so the frames
+of the agents cross HTTP byte for byte. The agents alone interpret the members.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _METHOD = re.compile(r"[A-Z]{1,16}")
 
 
 class Request(NamedTuple):
-    """What a request frame says; `body` is JSON."""
+    """The content of a request frame; `body` is JSON."""
 
     method: str
     path: str
@@ -30,7 +30,7 @@ class Request(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What a response frame says; `body` is JSON."""
+    """The content of a response frame; `body` is JSON."""
 
     status: int
     path: str
@@ -38,7 +38,7 @@ class Response(NamedTuple):
 
 
 def read_request(payload: bytes, max_bytes: int = MAX_BYTES) -> Request:
-    """The request that a frame stands for; `DecodeError` if there is none that HTTP could carry."""
+    """The request in a frame; `DecodeError` if there is none that HTTP could carry."""
     frame = _members(payload, max_bytes)
     method = frame.get("method")
     if not isinstance(method, str) or not _METHOD.fullmatch(method):
@@ -47,7 +47,7 @@ def read_request(payload: bytes, max_bytes: int = MAX_BYTES) -> Request:
 
 
 def read_response(payload: bytes, max_bytes: int = MAX_BYTES) -> Response:
-    """The response that a frame stands for; `DecodeError` if there is none that HTTP could carry."""
+    """The response in a frame; `DecodeError` if there is none that HTTP could carry."""
     frame = _members(payload, max_bytes)
     status = frame.get("status")
     # 1xx announce another response, and 204, 205 and 304 have no body (RFC 9110, 15)
@@ -57,22 +57,22 @@ def read_response(payload: bytes, max_bytes: int = MAX_BYTES) -> Response:
 
 
 def request_frame(method: str, path: str, body: bytes) -> bytes:
-    """The frame of a request that came; `DecodeError` if its body is not a JSON object."""
+    """The frame of a received request; `DecodeError` if its body is not a JSON object."""
     return _dump({"method": method, "path": path, "body": _object(body)})
 
 
 def response_frame(status: int, path: str, body: bytes) -> bytes:
-    """The frame of a response that came; `DecodeError` if its body is not a JSON object."""
+    """The frame of a received response; `DecodeError` if its body is not a JSON object."""
     return _dump({"status": status, "path": path, "body": _object(body)})
 
 
 def error_body(message: str) -> bytes:
-    """The body of an answer that an end gives itself (F3548 ErrorResponse, as the agents' own)."""
+    """The body of a response that the transport itself gives (F3548 ErrorResponse, as the agents' own)."""
     return _dump({"message": message})
 
 
 def quoted(path: str) -> str:
-    """A path as it stands in a request line or header; `DecodeError` if HTTP could not carry it unchanged."""
+    """A path as written in a request line or header; `DecodeError` if HTTP could not carry it unchanged."""
     try:
         raw = URL.build(path=path).raw_path
         if path.startswith("/") and unquoted(raw) == path:
@@ -83,7 +83,7 @@ def quoted(path: str) -> str:
 
 
 def unquoted(raw: str) -> str:
-    """What `quoted` was given. `ValueError` if it is no path."""
+    """The path that `quoted` was given. `ValueError` if it is no path."""
     return URL(raw, encoded=True).path
 
 
@@ -119,4 +119,4 @@ def _dump(value: object) -> bytes:
     try:
         return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
     except (ValueError, RecursionError) as error:  # numbers such as 1e999; an integer of too many digits
-        raise DecodeError("a number beyond what JSON can say here, or too deep") from error
+        raise DecodeError("a number out of range, or nested too deeply") from error

@@ -1,7 +1,7 @@
-"""How does a MAVLink link cross a real socket? UDP and TCP ends that deframe before anybody sees a byte.
+"""MAVLink transports over UDP and TCP, which deframe what they receive.
 
-Both hand out the same pieces whatever the chunks were: a frame, or a run of bytes that is none.
-Each end is one peer of one link and binds to loopback unless told otherwise.
+Both deliver the same pieces whatever the chunks were: a frame, or a run of bytes that is none.
+Each transport is one side of one link and binds to loopback unless told otherwise.
 """
 
 from __future__ import annotations
@@ -14,33 +14,33 @@ from typing import cast
 from skyrange.codec.deframe import Counts, Deframer, Piece
 
 LOOPBACK = "127.0.0.1"
-MOST_UNSENT = 1 << 18
-"""Bytes that wait for a TCP peer that does not read; what comes on top of them is lost, as in a full serial buffer."""
+MAX_UNSENT_BYTES = 1 << 18
+"""Bytes that wait for a TCP peer that does not read; more are lost, as in a full serial buffer."""
 _SILENT_S = 10
-"""A TCP peer whose machine does not answer for so long is gone."""
+"""Seconds after which a TCP peer is taken to be gone whose machine does not answer."""
 _PROBES = (("TCP_KEEPIDLE", 4), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3), ("TCP_USER_TIMEOUT", _SILENT_S * 1000))
 Address = tuple[str, int]
 OnPiece = Callable[[Piece], None]
 
 
 class UdpEnd(asyncio.DatagramProtocol):
-    """One end of a link over UDP.
+    """One side of a link over UDP.
 
-    Without a `remote` it answers whoever spoke MAVLink last, as a ground station's listening port does. With one it
-    goes on calling that, and takes what any port of the same host says, as MAVProxy's `udpout` does. A datagram is a
-    whole: what it leaves unfinished is garbage, never the beginning of the next one.
+    Without a `remote` it answers the peer that sent MAVLink last, as a ground station's listening port does. With one
+    it keeps sending there, and accepts what any port of the same host sends, as MAVProxy's `udpout` does. A datagram
+    is complete: an unfinished frame in it is garbage, never the beginning of the next one.
     """
 
     def __init__(self, on_piece: OnPiece, remote: Address | None = None) -> None:
         self._on_piece = on_piece
         self._remote = remote
-        self._calls = remote is not None
+        self._has_remote = remote is not None
         self._transport: asyncio.DatagramTransport | None = None
         self._deframer = Deframer()
 
     @classmethod
     async def open(cls, on_piece: OnPiece, local: Address = (LOOPBACK, 0), remote: Address | None = None) -> UdpEnd:
-        """Bind to `local` (port 0: any free one); `OSError` when it is taken."""
+        """Bind to `local` (port 0: any free one). Raises `OSError` if it is taken."""
         loop = asyncio.get_running_loop()
         _, end = await loop.create_datagram_endpoint(lambda: cls(on_piece, remote), local_addr=local)
         return end
@@ -52,7 +52,7 @@ class UdpEnd(asyncio.DatagramProtocol):
 
     @property
     def address(self) -> Address:
-        """Where it is bound."""
+        """The address that it is bound to."""
         assert self._transport is not None
         return cast("Address", self._transport.get_extra_info("sockname")[:2])
 
@@ -62,16 +62,16 @@ class UdpEnd(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Address) -> None:
         """Called by asyncio."""
-        if self._calls and self._remote is not None and self._remote[0] != addr[0]:
+        if self._has_remote and self._remote is not None and self._remote[0] != addr[0]:
             return
         pieces = [*self._deframer.feed(data), *self._deframer.finish()]
-        if not self._calls and not all(piece.garbage for piece in pieces):
+        if not self._has_remote and not all(piece.garbage for piece in pieces):
             self._remote = addr
         for piece in pieces:
             self._on_piece(piece)
 
     def send(self, payload: bytes) -> bool:
-        """Send one frame as one datagram; `False` while no peer is known."""
+        """Send one frame as one datagram; returns `False` while no peer is known."""
         if self._remote is None or self._transport is None:
             return False
         self._transport.sendto(payload, self._remote)
@@ -84,18 +84,18 @@ class UdpEnd(asyncio.DatagramProtocol):
 
 
 class TcpEnd(asyncio.Protocol):
-    """One end of a link over TCP, made by `connect` or by a server's `accept`."""
+    """One side of a link over TCP, made by `connect` or by a server's `accept`."""
 
     def __init__(self, on_piece: OnPiece) -> None:
         self._on_piece = on_piece
         self._transport: asyncio.Transport | None = None
         self._deframer = Deframer()
         self.lost = asyncio.get_running_loop().create_future()
-        """Done when the peer has gone; what it left unfinished has been handed out by then."""
+        """Done when the peer has gone; what it left unfinished has been delivered by then."""
 
     @classmethod
     async def connect(cls, on_piece: OnPiece, remote: Address) -> TcpEnd:
-        """Connect to `remote`; `OSError` when nobody listens."""
+        """Connect to `remote`. Raises `OSError` if nobody listens."""
         loop = asyncio.get_running_loop()
         _, end = await loop.create_connection(lambda: cls(on_piece), *remote)
         return end
@@ -127,10 +127,10 @@ class TcpEnd(asyncio.Protocol):
             self.lost.set_result(None)
 
     def send(self, payload: bytes) -> bool:
-        """Send one frame; `False` once the connection is closed, or while `MOST_UNSENT` waits already."""
+        """Send one frame; `False` once the connection is closed, or if more than `MAX_UNSENT_BYTES` would wait."""
         if self._transport is None or self._transport.is_closing():
             return False
-        if self._transport.get_write_buffer_size() + len(payload) > MOST_UNSENT:
+        if self._transport.get_write_buffer_size() + len(payload) > MAX_UNSENT_BYTES:
             return False
         self._transport.write(payload)
         return True
@@ -144,6 +144,6 @@ class TcpEnd(asyncio.Protocol):
 async def serve_tcp(
     accept: Callable[[], asyncio.BaseProtocol], local: Address = (LOOPBACK, 0)
 ) -> tuple[asyncio.Server, Address]:
-    """Listen at `local`; `accept` makes an end for each connection. Returns the server and its address."""
+    """Listen at `local`; `accept` makes a protocol for each connection. Returns the server and its address."""
     server = await asyncio.get_running_loop().create_server(accept, *local)
     return server, cast("Address", server.sockets[0].getsockname()[:2])

@@ -1,7 +1,7 @@
-"""How is another program run so that it never outlives us? In a folder of its own, killed with whoever began it.
+"""Child processes that never outlive their parent, each in a folder of its own.
 
 On Linux the kernel kills a child when the thread that started it ends (prctl(2), PR_SET_PDEATHSIG), so that even
-`kill -9` leaves no orphan; elsewhere only an orderly end does. Start programs from a thread that stays.
+`kill -9` leaves no orphan; on other systems only an orderly end does. Start programs from a thread that stays.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from pathlib import Path
 from skyrange.core.errors import ComponentError
 
 OUTPUT = "output.txt"
-"""What a program says, both streams, in its folder."""
+"""The file in a program's folder with its output, both streams."""
 _PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
 _TAIL_BYTES = 4096
 _FILES_BESIDE = 256
-"""Files that everything else may open later."""
+"""Files that everything else may open later, beside those asked for."""
 
 
 def make_room(files: int, who: str) -> None:
-    """See to it that so many more files and sockets can be open; `ComponentError` where the system forbids it."""
+    """Raise the limit of open files so that `files` more can be opened; `ComponentError` if the system forbids it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = len(os.listdir("/dev/fd")) + files + _FILES_BESIDE
     if soft == resource.RLIM_INFINITY or soft >= needed:
@@ -52,35 +52,35 @@ def _prctl() -> ctypes.CDLL | None:
 
 
 class Program:
-    """A running child process. Its keyboard is closed, and Ctrl-C on ours does not reach it: it is ended by `kill`."""
+    """A running child process. Its standard input is closed, and Ctrl-C does not reach it: `kill` ends it."""
 
     def __init__(self, name: str, command: Sequence[str], folder: Path, *, slack_s: float | None = None) -> None:
-        """Start `command` in `folder`, which exists. `ComponentError` where it cannot be started.
+        """Start `command` in `folder`, which exists. Raises `ComponentError` if it cannot be started.
 
-        With `slack_s` its sleeps may last so much longer than it asks for, on Linux: one that polls takes less of the
-        processor.
+        With `slack_s` its sleeps may last that much longer than it asks for, on Linux (timer slack), so that a program
+        that polls takes less of the processor.
         """
         self.name = name
         self._output = folder / OUTPUT
         library, parent = _prctl(), os.getpid()
 
-        def bind_to_us() -> None:
+        def bind_to_parent() -> None:
             if library is not None:
                 library.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
                 if slack_s is not None:
                     library.prctl(_PR_SET_TIMERSLACK, round(slack_s * 1e9))
-                if os.getppid() != parent:  # we died in between
+                if os.getppid() != parent:  # the parent died in between
                     os._exit(1)
 
         try:
             with self._output.open("wb") as output:
-                self._process = subprocess.Popen(  # noqa: S603 (what is run is the caller's to check)
+                self._process = subprocess.Popen(  # noqa: S603 (the caller checks what is run)
                     list(command), cwd=folder, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
-                    start_new_session=True, preexec_fn=bind_to_us,
+                    start_new_session=True, preexec_fn=bind_to_parent,
                 )  # fmt: skip
         except OSError as error:
             raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error
-        self._end = weakref.finalize(self, _kill, self._process)  # at the latest when nobody holds it, or at exit
+        self._end = weakref.finalize(self, _kill, self._process)  # at the latest when it is collected, or at exit
 
     @property
     def pid(self) -> int:
@@ -107,7 +107,7 @@ class Program:
 
     @property
     def cpu_s(self) -> float:
-        """Processor time that it has taken, user and system, in seconds; NaN where the system does not tell (/proc)."""
+        """Processor time used, user and system, in seconds; NaN if the system does not report it (/proc)."""
         try:
             told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
@@ -115,65 +115,65 @@ class Program:
         return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
 
     def last_words(self, lines: int = 8) -> str:
-        """The last lines that it said, "" for none."""
+        """The last lines of its output, "" for none."""
         try:
             with self._output.open("rb") as output:
                 output.seek(max(0, output.seek(0, os.SEEK_END) - _TAIL_BYTES))
-                said = output.read().decode("utf-8", "replace")
+                text = output.read().decode("utf-8", "replace")
         except OSError:
             return ""
-        kept = [line for line in said.splitlines() if line.strip()]
+        kept = [line for line in text.splitlines() if line.strip()]
         return "\n".join(kept[-lines:])
 
     def hold(self, held: bool) -> None:
-        """Stop its time, or let it go on; one that has ended stays so."""
+        """Stop the process (SIGSTOP) if `held`, else continue it (SIGCONT). Does nothing once it has ended."""
         if self.running:
             self._process.send_signal(signal.SIGSTOP if held else signal.SIGCONT)
 
     def keep_to(self, cores: set[int]) -> None:
-        """Run its main thread on these processor cores from now on, as far as the system lets us (Linux)."""
-        if self.running:  # the id of one that has ended may be another's
+        """Run its main thread on these processor cores from now on, as far as the system allows it (Linux)."""
+        if self.running:  # after its end the id may be another process's
             with contextlib.suppress(OSError):
                 os.sched_setaffinity(self.pid, cores)
 
     def kill(self) -> None:
-        """End it now, and wait until it has. Again does nothing."""
+        """Kill it, and wait until it has ended. A second call does nothing."""
         self._end()
 
 
 class Leash:
-    """Programs on the machine's clock, stopped where we are silent for too long: their time must not pass without us.
+    """Stops programs on the machine's clock while this process does not serve them: their time must not pass alone.
 
-    We compile, or wait for a disk, in the one thread that speaks with them; so another keeps watch.
+    The thread that serves them may compile, or wait for a disk; so another thread watches.
     """
 
     def __init__(self, programs: Sequence[Program], after_s: float) -> None:
-        """Watch from now on; each `tug` says that we are here."""
+        """Watch from now on, and stop `programs` when no `tug` has come for `after_s`."""
         self._programs = tuple(programs)
         self._after_s = after_s
         self._lock = threading.Lock()
-        self._tugged_s = time.monotonic()
+        self._kicked_s = time.monotonic()
         self._stopped = False
         self._end = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="leash", daemon=True)
+        self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
         self._thread.start()
 
     def tug(self) -> bool:
-        """We are here. True where all have been stopped meanwhile: letting them go on is the caller's."""
+        """Restart the timeout. True if the programs have been stopped meanwhile: the caller has to continue them."""
         with self._lock:
-            self._tugged_s = time.monotonic()
+            self._kicked_s = time.monotonic()
             stopped, self._stopped = self._stopped, False
         return stopped
 
     def close(self) -> None:
-        """Watch no more. Again does nothing."""
+        """Stop watching. A second call does nothing."""
         self._end.set()
         self._thread.join()
 
     def _watch(self) -> None:
         while not self._end.wait(self._after_s / 4):
             with self._lock:
-                if not self._stopped and time.monotonic() - self._tugged_s > self._after_s:
+                if not self._stopped and time.monotonic() - self._kicked_s > self._after_s:
                     self._stopped = True
                     for program in self._programs:
                         program.hold(True)

@@ -1,13 +1,13 @@
-"""How is one ArduPilot SITL process reached? Two of its serial ports over TCP, its JSON physics backend over UDP.
+"""One ArduPilot SITL process: two of its serial ports over TCP, its JSON physics backend over UDP.
 
-The process connects out to us, to ports of the loopback that the system chose and that we hold, so any number of runs
-share a machine. One thing of it listens, and cannot be confined: RC input, on UDP and all interfaces
-(AP_RCProtocol_UDP.cpp, `init`). Without that port it has no sticks in the middle, and takes theirs for deflected; we
-choose and hold it too, so that no other program takes it, and what comes from this machine ends with us.
+The process connects to this one, to loopback ports chosen by the system and held here, so any number of runs share a
+machine. One part of it listens, and cannot be confined: RC input, on UDP and all interfaces (AP_RCProtocol_UDP.cpp,
+`init`). Without that port it has no centred sticks, and takes them for deflected. The port is chosen and held here too,
+so that no other program takes it, and what is sent to it from this machine ends here.
 
-One exchange: a line of JSON goes in, one step of its time passes, a servo packet comes out. It sends a servo packet
-again after a second of silence, under the same count (SIM_JSON.cpp `recv_fdm`, `output_servos`). Everything that it
-wrote to its serial ports in the step is there before the packet, since it writes them first.
+In one exchange a line of JSON is sent, one step of simulated time passes, and a servo packet comes back. The process
+repeats a servo packet after a second of silence, with the same count (SIM_JSON.cpp `recv_fdm`, `output_servos`).
+Everything that it writes to its serial ports in a step arrives before the packet, since it writes them first.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from skyrange.core.errors import ComponentError, Fault, InputError
 from skyrange.io.programs import Program
 
 LOOPBACK = "127.0.0.1"
-_APART = range(20_000, 30_000)
+_RC_PORTS = range(20_000, 30_000)
 FILES = 6
-"""Sockets of one process on our side."""
+"""Sockets that are held here for one process."""
 HEAD = 8
 """Bytes of a servo packet before its pulse widths."""
 SIZES = {(18458).to_bytes(2, "little"): 40, (29569).to_bytes(2, "little"): 72}
 """Sizes by magic number: rate and count, then 16 or 32 pulse widths (SIM_JSON.h, `servo_packet_16` and `_32`)."""
 _LOOK_S = 0.25
-"""How often a wait looks whether the process still lives."""
+"""How often a waiting call checks whether the process is still running."""
 _CHUNK = 1 << 16
 _SLACK_S = 0.05
 
 
 class Sitl:
-    """One process with its serial ports; what it flies is a `model` of its own.
+    """One process with its serial ports, which simulates a physics `model` of its own.
 
-    `serial` are its ports 0 and 1, once it has connected; in the other order where they are `crossed`.
+    `serial` are its ports 0 and 1, once it has connected; in the other order if they are `crossed`.
     """
 
     def __init__(
@@ -62,8 +62,8 @@ class Sitl:
     ) -> None:
         """Start it in `folder`, which is empty and its own; returns at once.
 
-        `home` is latitude and longitude in degrees, metres above mean sea level and heading in degrees; `parameters`
-        the text of a file of defaults; `slack_s` as `Program` has it. `ComponentError` where it cannot be started.
+        `home` is latitude and longitude in degrees, metres above mean sea level and heading in degrees; `parameters` is
+        the text of a file of defaults; `slack_s` is as for `Program`. Raises `ComponentError` if it cannot be started.
         """
         self.name = name
         self.folder = folder
@@ -73,7 +73,7 @@ class Sitl:
             listener.listen(1)
             listener.setblocking(False)
         self.serial: list[socket.socket | None] = [None, None]
-        self._sticks = _apart()
+        self._sticks = _bound_rc_port()
         sticks = self._sticks.getsockname()[1]
         paths = [f"tcpclient:{LOOPBACK}:{listener.getsockname()[1]}" for listener in self._listeners]
         if crossed:
@@ -91,14 +91,14 @@ class Sitl:
         )  # fmt: skip
 
     def accept(self) -> list[int]:
-        """Take the connections of its serial ports that have come; which ports are new."""
+        """Accept connections of its serial ports; the numbers of those that are new."""
         new = []
         for place, listener in enumerate(self._listeners):
             if self.serial[place] is None:
                 with contextlib.suppress(BlockingIOError):
                     connection, _ = listener.accept()
                     connection.setblocking(False)
-                    # what is written between two steps must be there in the next one, not when TCP sees fit
+                    # data written between two steps must arrive in the next one, not when TCP decides to send it
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                     self.serial[place] = connection
                     new.append(place)
@@ -106,11 +106,11 @@ class Sitl:
 
     @property
     def connected(self) -> bool:
-        """Whether both serial ports are."""
+        """Whether both serial ports are connected."""
         return None not in self.serial
 
     def read(self, place: int) -> bytes:
-        """What it has said on a serial port since it was last asked."""
+        """The bytes that came on a serial port since the last call."""
         port = self.serial[place]
         data = b""
         while port is not None:
@@ -127,7 +127,7 @@ class Sitl:
         return data
 
     def write(self, place: int, data: bytes) -> bool:
-        """Say something on a serial port; False where it is not connected, or does not read."""
+        """Write to a serial port; False if it is not connected, or the process does not read."""
         port = self.serial[place]
         if port is None:
             return False
@@ -137,21 +137,21 @@ class Sitl:
             return False
 
     def close(self) -> None:
-        """End the process and give the ports back. Again does nothing."""
+        """Kill the process and close its sockets. A second call does nothing."""
         self.program.kill()
         for each in (self._sticks, *self._listeners, *self.serial):
             if each is not None:
                 each.close()
 
     def lost(self, what: str) -> ComponentError:
-        """The error of an instance that cannot go on: what happened, how it ended, and its last words."""
+        """The error of a process that cannot go on: `what` happened, how it ended, and its last output."""
         ended, words = self.program.ended, self.program.last_words()
         problem = f"{what} ({ended})" if ended else what
         return ComponentError(self.name, problem, f"It said last:\n{words}" if words else "")
 
 
 class LockstepSitl(Sitl):
-    """One whose physics is ours: it answers each of our lines with a step of its time."""
+    """A process whose physics is computed here: it answers each line with one step of its time."""
 
     def __init__(
         self,
@@ -169,17 +169,17 @@ class LockstepSitl(Sitl):
     ) -> None:
         """Start it, as `Sitl`; it waits for its first line.
 
-        Unless it writes `logs` its logging thread is made to sleep longer: without anything to do it looks at the
-        simulated time each millisecond of the machine's, for 1.4 % of a core (SITL_State.cpp, `wait_clock`).
+        Unless it writes `logs` its logging thread is made to sleep longer: with nothing to do it checks the simulated
+        time every millisecond of wall time, for 1.4 % of a core (SITL_State.cpp, `wait_clock`).
         """
         self.strangers = 0
-        """Datagrams that were no servo packets of its own."""
+        """Datagrams that were no servo packets of the process."""
         self.restarts = 0
-        """How often it has begun anew, as MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN asks: its clock is at 0 again."""
+        """Number of reboots (MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN), after each of which its clock is at 0 again."""
         self.count = -1
-        """Of its last answer."""
+        """The count in its last answer."""
         self.peer: tuple[str, int] | None = None
-        """Whom its answers come from; `None` before the first."""
+        """The address that its answers come from; `None` before the first."""
         self._physics = _bound(socket.SOCK_DGRAM)
         self._physics.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(_LOOK_S * 1e6)))
         super().__init__(
@@ -190,20 +190,20 @@ class LockstepSitl(Sitl):
 
     @property
     def port(self) -> int:
-        """The port that it speaks from, 0 before it has spoken."""
+        """The port that it sends from, 0 before its first answer."""
         return self.peer[1] if self.peer is not None else 0
 
     @property
     def fileno(self) -> int:
-        """Of the socket of its physics."""
+        """The file descriptor of the physics socket."""
         return self._physics.fileno()
 
     def send(self, line: bytes) -> None:
-        """Let it compute a step; it has answered before."""
+        """Send the line of one step; the process has answered at least once before."""
         assert self.peer is not None
         try:
             self._physics.sendto(line, self.peer)
-        except OSError:  # it may have died: the answer tells
+        except OSError:  # it may have died: the missing answer shows it
             return
 
     def await_word(self) -> None:
@@ -212,10 +212,10 @@ class LockstepSitl(Sitl):
             self._physics.recv(1, socket.MSG_PEEK)
 
     def servos(self, deadline: float, first: tuple[bytes, tuple[str, int]] | None = None) -> bytes | None:
-        """Its answer: pulse widths in µs, little-endian 16 bits each; `None` where it has ended or it is too late.
+        """Its answer: pulse widths in µs, little-endian, 16 bits each; `None` if it has ended, or at the deadline.
 
-        `deadline` is on the clock of `wall_s`; `first` a datagram that was read already, and its sender. Where it has
-        restarted meanwhile, `restarts` has grown.
+        `deadline` is on the clock of `wall_s`; `first` is a datagram that was read already, and its sender. If the
+        process has rebooted meanwhile, `restarts` has grown.
         """
         heard = first
         while True:
@@ -243,48 +243,48 @@ class LockstepSitl(Sitl):
                 self.restarts += 1
             self.peer = sender
         elif count == self.count:
-            return False  # said again
+            return False  # a repetition
         self.count = count
         return True
 
     def close(self) -> None:
-        """End the process and give the ports back. Again does nothing."""
+        """Kill the process and close its sockets. A second call does nothing."""
         super().close()
         self._physics.close()
 
 
 class Switchboard:
-    """Which serial ports of many processes have something to say? One question for all of them."""
+    """Poller of the serial ports of many processes: one system call for all of them."""
 
     def __init__(self) -> None:
         self._poll = select.epoll()
-        self._lines: dict[int, tuple[int, int]] = {}
+        self._ports: dict[int, tuple[int, int]] = {}
 
     def add(self, who: int, place: int, sitl: Sitl) -> None:
-        """Listen to a port that has just connected; `who` is how the process is called here."""
+        """Poll a port that has just connected; `who` is the caller's number of the process."""
         port = sitl.serial[place]
         assert port is not None
-        self._lines = {number: line for number, line in self._lines.items() if line != (who, place)}
-        self._lines[port.fileno()] = (who, place)
+        self._ports = {number: port for number, port in self._ports.items() if port != (who, place)}
+        self._ports[port.fileno()] = (who, place)
         self._poll.register(port.fileno(), select.EPOLLIN)
 
     def speaking(self, wait_s: float = 0.0) -> list[tuple[int, int]]:
-        """(who, place) of the ports that have said something or closed, in order; waits for the first that does."""
+        """(who, place) of the ports with data, or that have closed, in order; waits at most `wait_s` for the first."""
         heard = self._poll.poll(wait_s)
-        return sorted(self._lines[number] for number, _ in heard if number in self._lines)
+        return sorted(self._ports[number] for number, _ in heard if number in self._ports)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop polling."""
         self._poll.close()
 
 
 def wall_s() -> float:
-    """The clock that deadlines are on, s."""
+    """The clock of deadlines, in s."""
     return monotonic()
 
 
 def check_free(ports: Sequence[int], where: str) -> None:
-    """Refuse ports that a process could not listen at, on all interfaces; `where` is who asks for them."""
+    """Raise `InputError` with the ports at which no process can listen on all interfaces; `where` asked for them."""
     faults = []
     for port in ports:
         # below, SITL counts from its first port (UARTDriver.cpp `_tcp_start_connection`)
@@ -293,7 +293,7 @@ def check_free(ports: Sequence[int], where: str) -> None:
             continue
         try:
             with socket.socket() as tried:
-                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as it does itself
+                tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the process does
                 tried.bind(("", port))
                 tried.listen()
         except OSError as error:
@@ -308,15 +308,15 @@ def _bound(kind: socket.SocketKind) -> socket.socket:
     return made
 
 
-def _apart() -> socket.socket:
-    """A shared UDP port outside the range from which the system gives ports to those that ask for any.
+def _bound_rc_port() -> socket.socket:
+    """A shared UDP port outside the system's range of ephemeral ports.
 
-    ArduPilot's physics socket asks for any, and says that it shares: it may be given a port that another has shared.
+    ArduPilot's physics socket asks for an ephemeral port with SO_REUSEADDR: it may get one that is shared already.
     """
-    for port in itertools.chain(range(_APART.start + os.getpid() % len(_APART), _APART.stop), _APART):
+    for port in itertools.chain(range(_RC_PORTS.start + os.getpid() % len(_RC_PORTS), _RC_PORTS.stop), _RC_PORTS):
         made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            made.bind((LOOPBACK, port))  # alone first: so nobody has it, shared or not
+            made.bind((LOOPBACK, port))  # exclusively first: so no program has it, shared or not
             made.close()
             made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -324,4 +324,6 @@ def _apart() -> socket.socket:
             return made
         except OSError:
             made.close()
-    raise ComponentError("arducopter", f"no UDP port from {_APART.start} to {_APART.stop - 1} is free", "Free some")
+    raise ComponentError(
+        "arducopter", f"no UDP port from {_RC_PORTS.start} to {_RC_PORTS.stop - 1} is free", "Free some"
+    )

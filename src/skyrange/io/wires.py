@@ -1,6 +1,6 @@
-"""How is an autopilot reached that runs anyway? A MAVLink wire over TCP, UDP or a serial device, mended when cut.
+"""Connections to autopilots that run already: MAVLink over TCP, UDP or a serial device, restored when they break.
 
-Nothing here waits: a connection that is not there is tried again each second, by whoever reads. One wire is one peer.
+Nothing here blocks: while there is no connection each `read` tries again, once a second. One connection has one peer.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ FORMS: Final = {
     "udpout": "udpout:ADDRESS:PORT",
     "serial": "serial:DEVICE:BAUD",
 }
-AGAIN_S: Final = 1.0
+RETRY_S: Final = 1.0
 """Between two attempts to connect."""
 CONNECT_S: Final = 5.0
-"""An attempt that is not answered for so long is given up."""
-MOST_READ: Final = 1 << 14
-"""Bytes taken in at once; what else a flood holds waits in the system's own, bounded, buffers."""
-MOST_BAUD: Final = 4_000_000
+"""After so many seconds without an answer an attempt is given up."""
+MAX_READ_BYTES: Final = 1 << 14
+"""Bytes that are read at once; the rest of a flood waits in the system's own, bounded, buffers."""
+MAX_BAUD: Final = 4_000_000
 _DATAGRAM: Final = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where an autopilot is: `host` and `port`, or a serial device as `host` and its baud rate as `port`."""
+    """The address of an autopilot: `host` and `port`, or a serial device as `host` and its baud rate as `port`."""
 
     kind: Kind
     host: str
@@ -46,7 +46,7 @@ class Address:
 
     @classmethod
     def of(cls, text: str, where: str = "address") -> Address:
-        """The address that `text` is, in one of `FORMS`; `InputError` for another."""
+        """Parse an address in one of `FORMS`; raises `InputError` for any other text."""
         word, _, rest = text.partition(":")
         kind = next((one for one in FORMS if one == word), None)
         if kind is None:
@@ -54,7 +54,7 @@ class Address:
             raise InputError.one("wire", where, text, f"one of {forms}", nearest(word, FORMS))
         host, _, number = rest.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
-        most = MOST_BAUD if kind == "serial" else 65_535
+        most = MAX_BAUD if kind == "serial" else 65_535
         if not host or not (number.isascii() and number.isdigit() and len(number) < 8 and 1 <= int(number) <= most):
             raise InputError.one("wire", where, text, FORMS[kind])
         if kind != "serial" and not _is_address(host):
@@ -67,7 +67,7 @@ class Address:
 
 
 def _is_address(host: str) -> bool:
-    """Names are looked up by asking others, who may let us wait in flight."""
+    """Whether `host` is an IP address or localhost: a name server might block in flight."""
     if host == "localhost":
         return True
     try:
@@ -78,46 +78,46 @@ def _is_address(host: str) -> bool:
 
 
 class Wire(ABC):
-    """One connection (`wire_to` makes it). It is opened by the first `read`."""
+    """One connection, made by `wire_to`, and opened by the first `read`."""
 
     def __init__(self, address: Address) -> None:
         self.address = address
         self.trouble = "not tried yet"
-        """Why nobody is there; "" while somebody is."""
+        """Why no peer is there; "" while one is."""
         self.strangers = 0
-        """Datagrams of others than the peer."""
+        """Datagrams of senders other than the peer."""
         self.unsent = 0
-        """Frames that found no room."""
+        """Frames dropped because the system's buffer was full."""
         self._deframer = Deframer()
         self._rest = b""
-        """Of a frame that was begun and did not fit."""
+        """The unsent part of a frame."""
         self._due_s = 0.0
 
     @property
     def connected(self) -> bool:
-        """Whether what is written goes somewhere."""
+        """Whether a peer is there to write to."""
         return not self.trouble
 
     def read(self) -> list[Piece]:
-        """What was said since the last time, deframed. Connects where that is due."""
+        """The pieces received since the last call. Connects if that is due."""
         if not self._holds():
             if monotonic() < self._due_s:
                 return []
-            self._due_s = monotonic() + AGAIN_S
+            self._due_s = monotonic() + RETRY_S
             try:
                 self._open()
             except (OSError, ValueError) as error:
-                self._lose(_words(error))
+                self._lose(_reason(error))
                 return []
         try:
             return self._take()
-        except (OSError, TypeError) as error:  # pyserial raises a TypeError where its port is gone
+        except (OSError, TypeError) as error:  # pyserial raises a TypeError if its port is gone
             left = self._deframer.finish()
-            self._lose(_words(error))
+            self._lose(_reason(error))
             return left
 
     def write(self, frame: bytes) -> bool:
-        """Say one frame; False where nobody is there or there is no room for it."""
+        """Write one frame; False if no peer is there, or the system's buffer is full."""
         if not self.connected:
             return False
         try:
@@ -128,38 +128,38 @@ class Wire(ABC):
                 return False
             put = self._put(frame)
         except (OSError, TypeError) as error:
-            self._lose(_words(error))
+            self._lose(_reason(error))
             return False
         if put == 0:
             self.unsent += 1
             return False
-        self._rest = frame[put:]  # a frame that was begun is ended before the next
+        self._rest = frame[put:]  # a frame that was begun is finished before the next
         return True
 
     def again(self, why: str) -> None:
-        """Give this connection up, as nobody speaks, and try anew."""
+        """Give this connection up because of `why`, such as silence, and connect again."""
         if self._holds():
             self._lose(why)
 
     @abstractmethod
     def close(self) -> None:
-        """Give it back. Again does nothing."""
+        """Close the socket or device. A second call does nothing."""
 
     @abstractmethod
     def _holds(self) -> bool:
-        """Whether there is a socket or device, be it connected or not yet."""
+        """Whether there is a socket or device, connected or not yet."""
 
     @abstractmethod
     def _open(self) -> None:
-        """Begin to connect. `OSError` where that fails at once."""
+        """Begin to connect. Raises `OSError` if that fails at once."""
 
     @abstractmethod
     def _take(self) -> list[Piece]:
-        """What is there to be read. `OSError` where the connection is lost."""
+        """Read what is there. Raises `OSError` if the connection is lost."""
 
     @abstractmethod
     def _put(self, data: bytes) -> int:
-        """Write as much as there is room for; how much that was."""
+        """Write as much as fits into the system's buffer; the number of bytes written."""
 
     def _lose(self, why: str) -> None:
         self.close()
@@ -167,7 +167,7 @@ class Wire(ABC):
 
 
 class _Socket(Wire):
-    """What those over sockets share."""
+    """The part common to connections over sockets."""
 
     _socket: socket.socket | None = None
 
@@ -193,7 +193,7 @@ class _Socket(Wire):
 
 
 class _Tcp(_Socket):
-    """Calls, as a ground station calls SITL."""
+    """A client, as a ground station is to SITL."""
 
     _begun_s = 0.0
 
@@ -212,7 +212,7 @@ class _Tcp(_Socket):
             return []
         data = b""
         with contextlib.suppress(BlockingIOError):
-            data = self._socket.recv(MOST_READ)
+            data = self._socket.recv(MAX_READ_BYTES)
             if not data:
                 raise ConnectionResetError(errno.ECONNRESET, "closed by the other side")
         return self._deframer.feed(data)
@@ -238,32 +238,32 @@ class _Tcp(_Socket):
 
 
 class _Udp(_Socket):
-    """A datagram is a whole: what it leaves unfinished is garbage."""
+    """A datagram is complete: an unfinished frame in it is garbage."""
 
     def _pieces(self, data: bytes) -> list[Piece]:
         return [*self._deframer.feed(data), *self._deframer.finish()]
 
-    def _heard(self, data: bytes, peer: Any) -> list[Piece]:
+    def _receive(self, data: bytes, peer: Any) -> list[Piece]:
         return self._pieces(data)
 
     def _take(self) -> list[Piece]:
         assert self._socket is not None
         pieces: list[Piece] = []
         taken = 0
-        while taken < MOST_READ:
+        while taken < MAX_READ_BYTES:
             try:
                 data, peer = self._socket.recvfrom(_DATAGRAM)
             except BlockingIOError:
                 break
-            except ConnectionRefusedError:  # nobody is there yet: one's own datagram came back
+            except ConnectionRefusedError:  # no peer is there yet: an own datagram was refused
                 continue
             taken += max(len(data), 64)
-            pieces += self._heard(data, peer)
+            pieces += self._receive(data, peer)
         return pieces
 
 
 class _UdpOut(_Udp):
-    """Speaks first, to one place, and hears that alone."""
+    """Sends first, to one address, and receives from that alone."""
 
     def _open(self) -> None:
         self._made(socket.SOCK_DGRAM).connect(self._place)
@@ -277,7 +277,7 @@ class _UdpOut(_Udp):
 
 
 class _UdpIn(_Udp):
-    """Waits to be spoken to: whoever says a MAVLink frame first is the peer, until `again`."""
+    """Waits for a peer: the sender of the first MAVLink frame, until `again`."""
 
     _peer: Any = None
 
@@ -286,7 +286,7 @@ class _UdpIn(_Udp):
         self._made(socket.SOCK_DGRAM).bind(self._place)
         self.trouble = "nobody has called"
 
-    def _heard(self, data: bytes, peer: Any) -> list[Piece]:
+    def _receive(self, data: bytes, peer: Any) -> list[Piece]:
         if self._peer is not None and peer != self._peer:
             self.strangers += 1
             return []
@@ -303,7 +303,7 @@ class _UdpIn(_Udp):
 
 
 class _Serial(Wire):
-    """A device, by pyserial."""
+    """A serial device, through pyserial."""
 
     _port: Any = None
 
@@ -326,10 +326,10 @@ class _Serial(Wire):
         self.trouble = ""
 
     def _take(self) -> list[Piece]:
-        return self._deframer.feed(self._port.read(MOST_READ))
+        return self._deframer.feed(self._port.read(MAX_READ_BYTES))
 
     def _put(self, data: bytes) -> int:
-        with contextlib.suppress(BlockingIOError):  # pyserial's own `write` would try until there is room
+        with contextlib.suppress(BlockingIOError):  # pyserial's own `write` blocks until there is room
             return os.write(self._port.fileno(), data)
         return 0
 
@@ -338,7 +338,7 @@ _KINDS: Final[dict[str, type[Wire]]] = {"tcp": _Tcp, "udpin": _UdpIn, "udpout": 
 
 
 def wire_to(address: Address) -> Wire:
-    """A wire to `address`, not opened yet. `InputError` where what a serial device needs is not installed."""
+    """A connection to `address`, not opened yet. Raises `InputError` if it is a serial device without pyserial."""
     if address.kind == "serial":
         try:
             import serial  # noqa: F401
@@ -354,11 +354,11 @@ def wire_to(address: Address) -> Wire:
 
 
 def rest(seconds: float) -> None:
-    """Let so much of the machine's time pass."""
+    """Sleep for so much wall time."""
     sleep(max(seconds, 0.0))
 
 
-def _words(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """What is wrong, in the system's words."""
     told = getattr(error, "errno", None)
     return (os.strerror(told) if isinstance(told, int) else str(error) or type(error).__name__).lower()

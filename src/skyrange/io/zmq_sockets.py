@@ -1,10 +1,10 @@
-"""How does a link cross ZeroMQ? One end each, a message is one payload, and only peers with the right key come in.
+"""ZeroMQ transport of a link: one message is one payload, and only peers with the right key may connect.
 
-The end that binds is a ROUTER, the end that connects a DEALER whose first message is empty: here I am. Two
-DEALERs would deal the messages out among all who connect; a ROUTER addresses one, here whoever connected or
-spoke last, so a peer that starts anew is the peer at once; when it leaves, who spoke before is again. Foreign
-programs connect with a DEALER. Without a peer nothing is kept for later: `send` says no. What a lost connection
-leaves in the queue goes out on the next.
+The side that binds is a ROUTER, the side that connects a DEALER whose first message is empty: it announces itself. Two
+DEALERs would deal the messages out among all that connect; a ROUTER addresses one peer, here the one that connected or
+sent last, so a peer that starts anew is the peer at once; when it leaves, the one before it is again. Foreign
+programs connect with a DEALER. Without a peer nothing is kept for later: `send` returns False. What a lost connection
+leaves in the queue goes out on the next one.
 
 What libzmq holds is bounded by `queue` messages of `max_bytes` each way and peer. One thing is not: parts of a
 message that never ends, which only a peer that was let in can send; beyond loopback that takes a key.
@@ -23,7 +23,7 @@ from skyrange.core.errors import InputError
 from skyrange.io.curve_keys import Keys
 from skyrange.io.ends import OnNote, ignore_note, must_be_guarded, naming, text, worth_noting
 from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
-from skyrange.io.zmq_room import AT_ONCE, ZmqContext, watch
+from skyrange.io.zmq_room import AT_ONCE, ZmqContext, watch_socket
 
 MAX_BYTES = 65_536
 QUEUE = 1_024
@@ -35,8 +35,8 @@ SILENT_MS = 10_000
 Only under keys, where it may be on another machine. On loopback TCP says when a process ends, and anybody may connect:
 libzmq 4.3.5 aborts the process when a heartbeat is due on a connection that filled the queue and was closed
 (https://github.com/zeromq/libzmq/pull/4852)."""
-MOST_PEERS = 8
-"""Of those who have connected, so many are remembered."""
+MAX_PEERS = 8
+"""Number of connected peers that are remembered."""
 RECONNECT_MS = 100
 SLOWEST_RECONNECT_MS = 1_000
 LINGER_MS = 1_000
@@ -61,28 +61,28 @@ _WATCHED = (
 
 @dataclass(slots=True)
 class Counts:
-    """What an end took and gave so far."""
+    """Messages and connections so far."""
 
     frames: int = 0
-    """Messages that came as one payload."""
+    """Received messages of one payload."""
     garbage: int = 0
-    """Messages of several parts, or empty."""
+    """Received messages of several parts, or empty."""
     garbage_bytes: int = 0
     sent: int = 0
     overflowed: int = 0
-    """Not sent since the peer reads too slowly."""
+    """Not sent because the peer reads too slowly."""
     unsent: int = 0
-    """Not sent since no peer was there."""
+    """Not sent because no peer was there."""
     unfit: int = 0
-    """Not sent since empty or too long."""
+    """Not sent because empty or too long."""
     connections: int = 0
     """Peers that were let in."""
     refused: int = 0
-    """Connections that were not let in: no ZeroMQ, no key, or a wrong one."""
+    """Connections that were refused: no ZeroMQ, no key, or a wrong one."""
 
 
 class ZmqEnd:
-    """One end of one link over ZeroMQ, made by `bind` or `connect` in a running loop."""
+    """One side of one link over ZeroMQ, made by `bind` or `connect` in a running event loop."""
 
     def __init__(
         self,
@@ -97,26 +97,28 @@ class ZmqEnd:
         """Called by `bind` and `connect`."""
         must_be_guarded("ZeroMQ", address, keys is not None, "Give both sides keys (`skyrange keys`).")
         if keys is not None and not binds and len(keys.peers) != 1:
-            raise InputError.one("ZeroMQ", text(address), f"{len(keys.peers)} peers' keys", "that of who binds there")
+            raise InputError.one(
+                "ZeroMQ", text(address), f"{len(keys.peers)} peers' keys", "that of the peer that binds there"
+            )
         self.counts = Counts()
         self._on_piece = on_piece
         self._on_note = on_note
         self._max_bytes = max_bytes
         self._binds = binds
         self._peers: list[bytes] = []
-        """Whom a ROUTER addresses: the last one."""
+        """The peers of a ROUTER, which addresses the last one."""
         self._greeted = False
-        self._lines = 0
-        """Connections, and how many of them were let in."""
-        self._shaken = 0
-        self._why = _NO_ZMQ
+        self._connections = 0
+        """Open connections, and how many of them were let in."""
+        self._let_in = 0
+        self._refusal = _NO_ZMQ
         self._closed = False
-        self._room = ZmqContext.enter()
+        self._context = ZmqContext.acquire()
         self._domain = b""
-        self._socket = self._room.context.socket(zmq.ROUTER if binds else zmq.DEALER)
+        self._socket = self._context.context.socket(zmq.ROUTER if binds else zmq.DEALER)
         self._monitor = self._socket.get_monitor_socket(_WATCHED)
         try:
-            self._set(keys, address, queue)
+            self._configure(keys, address, queue)
             endpoint = f"tcp://{text(address)}"
             if binds:
                 self._socket.bind(endpoint)
@@ -125,12 +127,15 @@ class ZmqEnd:
         except zmq.ZMQError as error:
             self._monitor.close(linger=0)
             self._socket.close(linger=0)
-            self._room.leave(self._domain)
+            self._context.release(self._domain)
             number = error.errno or 0
             raise naming(address, OSError(number, zmq.strerror(number))) from error
         self._address = self._bound() if binds else address
-        loop = self._room.loop
-        self._stops = (watch(loop, self._monitor, self._look), watch(loop, self._socket, self._read))
+        loop = self._context.loop
+        self._stops = (
+            watch_socket(loop, self._monitor, self._take_events),
+            watch_socket(loop, self._socket, self._read),
+        )
         self._loop = loop
 
     @classmethod
@@ -144,9 +149,9 @@ class ZmqEnd:
         max_bytes: int = MAX_BYTES,
         queue: int = QUEUE,
     ) -> ZmqEnd:
-        """Wait for the peer at `local`, an IP address (port 0: any free one), and let in who has one of `keys.peers`.
+        """Wait at `local`, an IP address (port 0: any free one), for a peer with one of `keys.peers`.
 
-        `OSError` names an address that cannot be had; `InputError` one beyond loopback without keys.
+        Raises `OSError` with an address that cannot be had, `InputError` with one beyond loopback without keys.
         `max_bytes` and `queue` have to fit the longest payload and burst: their product bounds the memory.
         """
         return cls(on_piece, local, True, keys, on_note, max_bytes, queue)
@@ -162,24 +167,24 @@ class ZmqEnd:
         max_bytes: int = MAX_BYTES,
         queue: int = QUEUE,
     ) -> ZmqEnd:
-        """Connect to `remote`, now or when somebody is there, and again whenever the connection was lost.
+        """Connect to `remote`, now or when a peer is there, and again whenever the connection was lost.
 
-        Otherwise as `bind`; `keys.peers` holds the key of who binds there, and of nobody else.
+        Otherwise as `bind`; `keys.peers` holds the key of the peer that binds there, and no other.
         """
         return cls(on_piece, remote, False, keys, on_note, max_bytes, queue)
 
     @property
     def address(self) -> Address:
-        """Where it is bound, or what it connects to."""
+        """The address that it is bound or connects to."""
         return self._address
 
     @property
     def connected(self) -> bool:
-        """Whether `send` has somebody to send to, as far as is known."""
-        return not self._closed and (bool(self._peers) if self._binds else self._shaken > 0)
+        """Whether `send` has a peer to send to, as far as is known."""
+        return not self._closed and (bool(self._peers) if self._binds else self._let_in > 0)
 
     def send(self, payload: bytes) -> bool:
-        """Send one payload as one message; `False`, and counted, without a peer or where its queue is full."""
+        """Send one payload as one message; returns `False`, and counts it, without a peer or if its queue is full."""
         if self._closed:
             return False
         counts = self.counts
@@ -211,7 +216,7 @@ class ZmqEnd:
         return sent
 
     def close(self) -> None:
-        """Close after what was sent has gone out, within a second; the port is free a moment later."""
+        """Close after what was sent has gone out, within `LINGER_MS`; the port is free a moment later."""
         if self._closed:
             return
         self._closed = True
@@ -220,19 +225,19 @@ class ZmqEnd:
         self._socket.disable_monitor()
         self._monitor.close(linger=0)
         self._socket.close(linger=LINGER_MS)
-        self._room.leave(self._domain)
+        self._context.release(self._domain)
 
-    # --- what comes in ---------------------------------------------------------------------------
+    # --- receiving -------------------------------------------------------------------------------
 
     def _read_again(self) -> None:
         if not self._closed and self._read():
             self._loop.call_soon(self._read_again)
 
     def _read(self) -> bool:
-        """Hand out what has come; true if there may be more. Events first: who spoke has connected before."""
-        self._look()
+        """Deliver what has come; true if there may be more. Events first: a peer that sent has connected before."""
+        self._take_events()
         for _ in range(AT_ONCE):
-            if self._closed:  # by whom a piece was handed to
+            if self._closed:  # by the receiver of a piece
                 return False
             try:
                 parts = self._socket.recv_multipart(zmq.NOBLOCK)
@@ -242,14 +247,14 @@ class ZmqEnd:
                 sender, *parts = parts
                 if self._peers[-1:] != [sender]:
                     earlier = [peer for peer in self._peers if peer != sender]
-                    self._peers, self._greeted = [*earlier[1 - MOST_PEERS :], sender], False
+                    self._peers, self._greeted = [*earlier[1 - MAX_PEERS :], sender], False
                 if parts == [b""] and not self._greeted:
                     self._greeted = True
                     continue
-            self._hand_out(parts)
+            self._deliver(parts)
         return True
 
-    def _hand_out(self, parts: list[bytes]) -> None:
+    def _deliver(self, parts: list[bytes]) -> None:
         data = b"".join(parts)
         if len(parts) == 1 and data:
             self.counts.frames += 1
@@ -260,8 +265,8 @@ class ZmqEnd:
         if data:
             self._on_piece(Piece(data[: self._max_bytes], garbage=True))
 
-    def _look(self) -> bool:
-        """Take the monitor's events; their order is that of what happened."""
+    def _take_events(self) -> bool:
+        """Take the monitor's events, in the order in which they happened."""
         while not self._closed:
             try:
                 event, _ = self._monitor.recv_multipart(zmq.NOBLOCK)
@@ -273,9 +278,9 @@ class ZmqEnd:
 
     def _on_event(self, kind: int, value: int) -> None:
         if kind in (zmq.Event.ACCEPTED, zmq.Event.CONNECTED):
-            self._lines += 1
+            self._connections += 1
         elif kind == zmq.Event.HANDSHAKE_SUCCEEDED:
-            self._shaken += 1
+            self._let_in += 1
             self.counts.connections += 1
             if not self._binds:
                 # not left to ZMQ_PROBE_ROUTER: it needs ZMQ_IMMEDIATE to do so at each connection, which in turn
@@ -284,32 +289,32 @@ class ZmqEnd:
                     self._socket.send(b"", zmq.NOBLOCK)
             self._on_note("connected", f"{text(self._address)}: connection {self.counts.connections}")
         elif kind == zmq.Event.DISCONNECTED:
-            self._on_end_of_line()
+            self._on_disconnected()
         else:
-            self._why = _FAILED[kind]
+            self._refusal = _FAILED[kind]
 
-    def _on_end_of_line(self) -> None:
+    def _on_disconnected(self) -> None:
         """A connection has ended.
 
-        libzmq does not say which: while there are more than were let in, it counts as one that was not.
+        libzmq does not say which: while there are more connections than were let in, it counts as a refused one.
         So the counts are right once all have ended, in whatever order.
         """
-        self._lines -= 1
-        if self._lines < self._shaken:
-            self._shaken -= 1
-            if not self._shaken:
+        self._connections -= 1
+        if self._connections < self._let_in:
+            self._let_in -= 1
+            if not self._let_in:
                 self._peers.clear()
                 self._on_note("disconnected", f"{text(self._address)}: the peer has gone")
             return
         counts = self.counts
         counts.refused += 1
         if worth_noting(counts.refused):
-            self._on_note("refused", f"{text(self._address)}: {self._why}, {counts.refused} so far")
-        self._why = _NO_ZMQ
+            self._on_note("refused", f"{text(self._address)}: {self._refusal}, {counts.refused} so far")
+        self._refusal = _NO_ZMQ
 
-    # --- making it -------------------------------------------------------------------------------
+    # --- options of the socket -------------------------------------------------------------------
 
-    def _set(self, keys: Keys | None, address: Address, queue: int) -> None:
+    def _configure(self, keys: Keys | None, address: Address, queue: int) -> None:
         socket = self._socket
         socket.linger = LINGER_MS
         socket.ipv6 = ":" in address[0]
@@ -325,7 +330,7 @@ class ZmqEnd:
         if self._binds:
             socket.set(zmq.ROUTER_MANDATORY, 1)
             socket.set(zmq.ROUTER_HANDOVER, 1)
-            self._domain = self._room.domain(None if keys is None else keys.peers)
+            self._domain = self._context.add_domain(None if keys is None else keys.peers)
             socket.zap_domain = self._domain
             socket.set(zmq.ZAP_ENFORCE_DOMAIN, 1)
             socket.curve_server = keys is not None

@@ -1,1 +1,1 @@
-"""Drive a wired range: as fast as it goes, or paced to the wall clock; stop it cleanly whatever happens."""
+"""Runs of a scenario: as fast as possible, paced to the wall clock, or live, as processes on sockets."""

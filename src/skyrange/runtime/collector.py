@@ -1,7 +1,7 @@
-"""How often does Python look for garbage while a fleet flies? Seldom, and not among what was there before.
+"""Garbage collection while a fleet flies: seldom, and not among the objects that existed before.
 
-A run holds hundreds of thousands of objects that stay to its end, and little of what it makes is garbage that only the
-collector can find. Looking at all of them again and again took 7 % of a run of a thousand aircraft.
+A run holds hundreds of thousands of objects that live to its end, and little of what it allocates is garbage that only
+the collector can find. Collections of all of them took 7 % of a run of a thousand aircraft.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_YOUNG = 20_000  # objects made before the young ones are looked at; Python's own figure is 700
+_YOUNG = 20_000  # allocations before a collection of the young generation; Python's own figure is 700
 
 
 @contextmanager
 def at_ease() -> Iterator[None]:
-    """Set apart all objects that there are, and look for garbage among new ones less often; then all is as before."""
+    """Exempt all existing objects from collection, and collect new ones less often; restore both at the end."""
     before = gc.get_threshold()
     nested = gc.get_freeze_count() > 0
     if not nested:

@@ -1,4 +1,4 @@
-"""How does Ctrl-C end a run without tearing it? It is noted, and obeyed between two instants."""
+"""Orderly interruption by Ctrl-C: the signal is noted, and obeyed between two instants of a run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from types import FrameType, TracebackType
 class Interruptible:
     """A context in which SIGINT and SIGTERM set `requested` instead of raising; a second SIGINT raises.
 
-    Outside the main thread, where Python delivers no signals, it does nothing.
+    Does nothing outside the main thread, where Python delivers no signals.
     """
 
     def __init__(self) -> None:

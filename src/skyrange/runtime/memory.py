@@ -1,4 +1,4 @@
-"""How much memory did this process take at its peak?"""
+"""Peak memory of this process."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _STATUS = Path("/proc/self/status")
 
 
 def peak_memory_mb() -> float:
-    """Peak resident set in MiB.
+    """Peak resident set size in MiB.
 
-    Linux's VmHWM where there is one: `ru_maxrss` begins with what the parent had when it started this process.
+    Linux's VmHWM if available: `ru_maxrss` starts with the parent's value at the time it started this process.
     """
     if _STATUS.exists():
         for line in _STATUS.read_text().splitlines():

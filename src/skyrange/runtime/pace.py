@@ -1,4 +1,4 @@
-"""How fast does simulated time pass? As fast as it can, or held to a multiple of wall time."""
+"""Pace of simulated time: as fast as possible, or a multiple of wall time."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time, to_seconds
 
 
 def held_to(speed: float, engines: Sequence[Engine]) -> float:
-    """The speed at which a `Pace` has to hold a run that is asked for `speed`: 0 where an engine does so itself.
+    """The speed to which a `Pace` has to hold a run that is asked for `speed`; 0 if an engine does so itself.
 
-    Where engines on the wall clock are there of which none waits, it is theirs.
+    If no engine on the wall clock waits, the speed is theirs.
 
-    `InputError` where two of those on the wall clock, or one and `speed`, contradict each other.
+    Raises `InputError` if two engines on the wall clock, or one and `speed`, contradict each other.
     """
     found = {engine.name: cast("WallEngine", engine).pace for engine in engines if engine.clock == "wall"}
     if speed != 0.0:
         found["--speed"] = speed
     if len(set(found.values())) > 1:
-        told = ", ".join(f"{name} {pace:g}" for name, pace in found.items())
+        named = ", ".join(f"{name} {pace:g}" for name, pace in found.items())
         hint = "Programs that run on the machine's clock set the pace: leave --speed out."
-        raise InputError.one("speed", "value", told, "one speed", hint)
+        raise InputError.one("speed", "value", named, "one speed", hint)
     walls = [engine for engine in engines if engine.clock == "wall"]
     if not walls:
         return speed
@@ -33,21 +33,21 @@ def held_to(speed: float, engines: Sequence[Engine]) -> float:
 
 
 class Pace:
-    """Holds a run to `speed` simulated seconds per wall second; 0 is as fast as it goes.
+    """Holds a run to `speed` simulated seconds per wall second; 0 is as fast as possible.
 
-    The kernel is the same either way: pacing only waits between its instants. When the run falls
-    behind it is not skipped ahead; `lag_s` says by how much it was behind at most.
+    The kernel is the same either way: pacing only waits between its instants. A run that falls behind is not skipped
+    ahead; `lag_s` is its largest delay.
     """
 
     FREE_STEP_NS = 100 * NS_PER_MS
-    """How much an unpaced run advances between looks at Ctrl-C and the progress bar."""
+    """Simulated time between two checks of Ctrl-C and the progress bar in an unpaced run."""
     PACED_STEP_NS = 10 * NS_PER_MS
-    """The grain of a paced run, in simulated time at speed 1."""
+    """The step of a paced run, in simulated time at speed 1."""
 
     def __init__(
         self, speed: float, *, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
     ) -> None:
-        """`speed` is finite and 0 or more; `InputError` for another."""
+        """`speed` is finite and not negative; raises `InputError` for any other."""
         if not 0.0 <= speed < math.inf:
             raise InputError.one("speed", "value", str(speed), "a number of 0 or more, 0 being as fast as it goes")
         self._speed = speed
@@ -55,22 +55,22 @@ class Pace:
         self._sleep = sleep
         self._began: tuple[float, Time] | None = None
         self.lag_s = 0.0
-        """The most the run was behind the wall clock, in wall seconds."""
+        """The largest delay behind the wall clock, in wall seconds."""
 
     @property
     def held(self) -> bool:
-        """Whether there is anything to wait for."""
+        """Whether the run is held to the wall clock."""
         return self._speed > 0.0
 
     @property
     def step_ns(self) -> Time:
-        """How far to advance the kernel before the next `wait`."""
+        """Simulated time by which to advance the kernel before the next `wait`."""
         if self._speed <= 0.0:
             return self.FREE_STEP_NS
         return min(max(int(self.PACED_STEP_NS * self._speed), NS_PER_US), NS_PER_S)
 
     def wait(self, now: Time) -> None:
-        """Wait until the wall clock has reached what `now` should be at."""
+        """Wait until the wall clock has reached the time at which `now` is due."""
         if self._speed <= 0.0:
             return
         if self._began is None:

@@ -1,4 +1,4 @@
-"""What is a run? A wired scenario, a kernel and a recorder, driven to the end or to wherever it stops."""
+"""A run: a scenario's agents and links, a kernel and a recorder, driven to the end or until it is stopped."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from skyrange.scenario.wire import Rig, wire
 OnProgress = Callable[[Time, Time], None]
 """Called with (simulated now, simulated end) between steps; `now` is negative while autopilots boot."""
 BOOT_STEP_NS: Time = NS_PER_S
-"""How much a run advances between two looks at Ctrl-C while autopilots boot."""
+"""Simulated time between two checks of Ctrl-C while autopilots boot."""
 
 
 class Run:
     """One run of a scenario into one folder.
 
-    `Run.start` checks everything and writes nothing where something is wrong. Then `advance` as far
-    as wanted, `fork` at will, and `finish`; `execute` does it all.
+    `Run.start` checks everything, and writes nothing if something is wrong. Then call `advance` as far as wanted,
+    `fork` at will, and `finish`; `execute` does all of it.
     """
 
     def __init__(self, kernel: Kernel, recorder: Recorder, rig: Rig) -> None:
@@ -61,9 +61,9 @@ class Run:
         fuse: bool = True,
         motion: bool = False,
     ) -> Run:
-        """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
+        """Build `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
-        Without `out` it is the first of `runs/NAME`, `runs/NAME-2` … that is free, whoever else starts a run there.
+        Without `out` it is the first free one of `runs/NAME`, `runs/NAME-2` …, even if other runs start there.
         `taps` and `attacks` act on its links, `monitors` listen at ends of them; `observers` see everything beside the
         recorder. `speed` is what
         `execute` will be asked for: whether the engines allow it is known once they are made.
@@ -85,11 +85,11 @@ class Run:
 
     @property
     def on_wall_clock(self) -> bool:
-        """Whether engines of it have a pace of their own."""
+        """Whether any of its engines has a pace of its own."""
         return any(mount.engine.clock == "wall" for mount in self.rig.wiring.engines)
 
     def advance(self, until_s: float) -> None:
-        """Run every instant up to `until_s` simulated seconds, as fast as engines on the wall clock let it."""
+        """Run every instant up to `until_s` simulated seconds, as fast as engines on the wall clock allow."""
         began = time.perf_counter()
         pace, until = Pace(held_to(0.0, [mount.engine for mount in self.rig.wiring.engines])), from_seconds(until_s)
         try:
@@ -103,7 +103,7 @@ class Run:
             self._wall_s += time.perf_counter() - began
 
     def fork(self, out: Path) -> Run:
-        """A second run that continues from here into the folder `out`, with what was recorded so far."""
+        """A second run that continues from here into the folder `out`, with a copy of the record so far."""
         recorder = self.recorder.fork(out)
         kernel = self.kernel.fork([recorder])
         twin = Run(kernel, recorder, self.rig)
@@ -114,10 +114,10 @@ class Run:
     def execute(self, *, speed: float = 0.0, on_progress: OnProgress | None = None) -> None:
         """Run to the scenario's end and close the record.
 
-        `speed` holds it to that many simulated seconds per wall second; 0 is as fast as it goes, or as engines on
-        the wall clock let it.
-        Ctrl-C, or a component's failure, ends it early: the record is whole up to there, its status
-        `interrupted` or `failed`, and `ShortfallError` or the component's error is raised.
+        `speed` holds it to that many simulated seconds per wall second; 0 is as fast as possible, or as engines on the
+        wall clock allow.
+        Ctrl-C, or a component's failure, ends it early: the record is complete up to there, its status `interrupted`
+        or `failed`, and `ShortfallError` or the component's error is raised.
         """
         engines = [mount.engine for mount in self.rig.wiring.engines]
         pace = Pace(held_to(speed, engines))
@@ -126,7 +126,7 @@ class Run:
             began = time.perf_counter()
             try:
                 if not all(engine.waits for engine in engines):
-                    warm_up(self.rig.scenario)  # what flies outside does not wait while we compile
+                    warm_up(self.rig.scenario)  # vehicles outside the range do not wait for a compilation
                     began = time.perf_counter()
                 while self.kernel.now < end and not interrupt.requested:
                     self.kernel.advance(self._next(pace.step_ns, end))
@@ -134,7 +134,7 @@ class Run:
                         pace.wait(self.kernel.now)
                     if on_progress is not None:
                         on_progress(self.kernel.now, end)
-            except Exception as error:  # whatever broke, the record says so
+            except Exception as error:  # the record states any failure
                 self._wall_s += time.perf_counter() - began
                 self._fail(str(error) if isinstance(error, SkyrangeError) else repr(error))
                 raise
@@ -148,12 +148,12 @@ class Run:
             )
 
     def _next(self, step_ns: Time, end: Time) -> Time:
-        """Where the next stretch ends; engines that boot before 0 do so in stretches of their own."""
+        """The end of the next step; engines that boot before time 0 have steps of their own."""
         now = self.kernel.now
         return min(now + BOOT_STEP_NS, 0) if now < -1 else min(max(now, 0) + step_ns, end)
 
     def finish(self, status: str = "complete", lag_s: float = 0.0) -> None:
-        """Close the record at the time reached. Idempotent."""
+        """Close the record at the time reached. A second call does nothing."""
         if self._finished:
             return
         self._finished = True
@@ -161,7 +161,7 @@ class Run:
         self.recorder.close(status, self._summary(lag_s))
 
     def _fail(self, reason: str) -> None:
-        """Keep what can be kept; the reason for the failure matters more than a failure to note it."""
+        """Close the record as failed; an error in doing so is only printed, since `reason` matters more."""
         self._finished = True
         try:
             self._end()
@@ -175,7 +175,7 @@ class Run:
         return None if name is None else cast("Oracle", self.kernel.watcher(name))
 
     def _end(self) -> None:
-        """End the kernel and its programs; what these leave goes into the folder."""
+        """End the kernel and its programs, and copy the files that these leave into the folder."""
         oracle = self._oracle()
         try:
             for name, path in self.kernel.leaves().items():
@@ -200,7 +200,7 @@ class Run:
 
 
 def open_record(rig: Rig, out: Path | None) -> Recorder:
-    """Begin the record of a rig's run in `out`, or in a folder that is free, with the scenario as flown in it."""
+    """Open the record of a run in `out`, or in a free folder, with the scenario as flown in it."""
     scenario, record = rig.scenario, rig.scenario.record
     while True:
         folder = out if out is not None else free_folder(scenario.name)
@@ -209,7 +209,7 @@ def open_record(rig: Rig, out: Path | None) -> Recorder:
             break
         except InputError:
             if out is not None or free_folder(scenario.name) == folder:
-                raise  # else another run took the folder meanwhile
+                raise  # else another run has taken the folder meanwhile
     for name, data in rig.attachments.items():
         recorder.attach(name, data)
     return recorder

@@ -1,7 +1,7 @@
-"""How does a ground station watch a run, and change nothing? What autopilots say, served read-only, port by port.
+"""Read-only MAVLink ports on which ground stations watch the aircraft of a run.
 
 A ground station's heartbeat at any port of an ArduPilot resets its lost-link timer, and would hide that its own
-station is jammed. So viewers are shown what arrives at the proxy from the autopilot, and never reach it.
+station is jammed. So viewers receive what arrives at the proxy from the autopilot, and never reach the autopilot.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from skyrange.core.time import NEVER, Time
 from skyrange.io.viewing import LOOPBACK, Counts, ViewerPorts
 
 FIRST_PORT: Final = 5763
-"""Where SITL of ArduPilot has the port for another ground station, and others look for it."""
+"""The port of ArduPilot's SITL for another ground station, which others try by default."""
 PORT_STEP: Final = 10
-"""Between two aircraft, as between two instances of SITL."""
+"""Difference between the ports of two aircraft, as of two instances of SITL."""
 _FROM_AUTOPILOT: Final = "rev"
 """The link `autopilot` runs from the proxy to the autopilot (`vehicle.onboard.links`)."""
 
 
 class Address(NamedTuple):
-    """Where one aircraft is watched."""
+    """The port on which one aircraft is watched."""
 
     vehicle: str
     host: str
@@ -37,19 +37,20 @@ class Address(NamedTuple):
 
 
 class Viewers:
-    """An `agent.contracts.Observer` that shows each aircraft's MAVLink at a TCP port of its own.
+    """An `agent.contracts.Observer` that serves each aircraft's MAVLink on a TCP port of its own.
 
-    Everything delivered by the link `autopilot` from the autopilot on is shown, bytes as they are, from when a viewer
-    connects; nothing is shown again. What a viewer sends is counted and thrown away. A context manager: the ports
-    are given back at its end. Call `serve` often, as `study.session.fly` does.
+    A viewer receives every frame that the link `autopilot` delivers from the autopilot, byte for byte, from the time at
+    which it connects; nothing is repeated. What a viewer sends is counted and discarded. Use it as a context manager:
+    the ports are closed at its end. Call `serve` often, as `study.session.fly` does.
     """
 
     truth_period_ns: Time = NEVER
 
     def __init__(self, vehicles: Sequence[str], first_port: int | Sequence[int] = FIRST_PORT) -> None:
-        """Listen for each of `vehicles`, ids in the order of their ports: `first_port` and 10 more for every next one.
+        """Listen for each of `vehicles`: the first at `first_port`, each next one at a port 10 higher.
 
-        0 takes any ports that are free; several are those of each. `InputError` where a port cannot be had.
+        With `first_port` 0 any free ports are taken; a sequence has a port for each. Raises `InputError` if a port
+        cannot be had.
         """
         if isinstance(first_port, int):
             step = PORT_STEP if first_port else 0
@@ -70,42 +71,42 @@ class Viewers:
 
     @property
     def counts(self) -> Counts:
-        """What has happened at the ports so far."""
+        """Events at the ports so far."""
         return self._ports.counts
 
     def serve(self) -> None:
-        """Let viewers in and send them what was shown since; waits for nobody."""
+        """Accept viewers and send them the frames since the last call; never blocks."""
         self._ports.serve()
 
     def close(self) -> None:
-        """Give the ports back. Again does nothing."""
+        """Close the ports. A second call does nothing."""
         self._ports.close()
 
     def on_frame(self, frame: Frame) -> None:
-        """Show it where it came from an autopilot."""
+        """Show a delivered frame if an autopilot sent it."""
         if frame.fate is Fate.DELIVERED:
             self.show(frame)
 
     def show(self, frame: Frame) -> None:
-        """The same whatever became of it."""
+        """Show a frame if an autopilot sent it, whatever its fate."""
         if frame.direction == _FROM_AUTOPILOT:
             place = self._places.get(frame.link)
             if place is not None and self._ports.watched(place):
                 self._ports.show(place, frame.payload)
 
     def on_block(self, block: FrameBlock) -> None:
-        """Show those that came from autopilots."""
+        """Show the delivered frames that autopilots sent."""
         for frame in block.frames():
             self.on_frame(frame)
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
-        """Nothing that MAVLink tells."""
+        """Not shown: it is not MAVLink."""
 
     def on_label(self, label: Label) -> None:
-        """Nothing that MAVLink tells."""
+        """Not shown: it is not MAVLink."""
 
     def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
         """Nothing that MAVLink tells."""
 
     def on_truth(self, now: Time, world: World) -> None:
-        """Nothing that MAVLink tells."""
+        """Not shown: it is not MAVLink."""

@@ -1,8 +1,8 @@
-"""How is nothing compiled in flight where the clock does not wait? The scenario is flown beforehand, and thrown away.
+"""Compilation before a flight whose clock does not wait: the scenario is flown in virtual time, and discarded.
 
-Compiling takes a minute of processor time, and what one process compiled the others only load; so of a live range's
-processes on a machine the first does it alone, before the others start. What a first half minute seldom has is in a
-scenario of its own, `rehearsal.toml`: it takes a second, so only those fly it who would need it.
+Compilation takes a minute of processor time, and processes load what another has compiled; so of a live range's
+processes on a machine the first does it alone, before the others start. What the first half minute of a flight seldom
+has is in a scenario of its own, `rehearsal.toml`: it takes a second, so only those nodes fly it that may need it.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from skyrange.scenario.schema import Scenario
 from skyrange.scenario.wire import wire
 
 WARM_UP_NS: Final[Time] = 30 * NS_PER_S
-"""Of simulated time: by then most have armed, taken off and flown."""
+"""Simulated time that is flown: most aircraft have armed, taken off and flown by then."""
 REHEARSAL: Final = Path(__file__).with_name("rehearsal.toml")
 
 
 def warm_up(scenario: Scenario, *, rehearse: bool = True) -> None:
-    """Fly the first half minute in virtual time, unrecorded, with the builtin in every other autopilot's place.
+    """Fly the first half minute in virtual time, unrecorded, with the builtin autopilot in place of every other.
 
-    With `rehearse` also the rehearsal: evasion, return, landing, collision.
+    With `rehearse` also fly the rehearsal: evasion, return, landing, collision.
     """
     for flown in (_all_builtin(scenario), *([load_file(REHEARSAL)] if rehearse else [])):
         rig = wire(flown)
@@ -33,7 +33,7 @@ def warm_up(scenario: Scenario, *, rehearse: bool = True) -> None:
 
 
 def _all_builtin(scenario: Scenario) -> Scenario:
-    """Without parameters too: the builtin does not have all of the others', and nobody looks where it flies."""
+    """`scenario` with builtin autopilots, without parameters: the builtin does not have all those of the others."""
     operators = tuple(
         operator.model_copy(
             update={

@@ -1,1 +1,1 @@
-"""How does a scenario run as processes on real sockets? A node per component, one clock, one record at the end."""
+"""Live range: a scenario in real time, its components as processes that communicate over sockets."""

@@ -1,4 +1,4 @@
-"""At which address does a link cross between two processes? The published ports, +10 for each aircraft or operator."""
+"""Addresses of the links between processes: the published ports, +10 for each aircraft or operator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TransportKind = Literal["udp", "tcp", "zmq", "http"]
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """How links of one kind cross: the first port, and which role's end listens there."""
+    """Transport of links of one kind: the first port, and the role whose end listens there."""
 
     transport: TransportKind
     port: int
@@ -36,7 +36,7 @@ KINDS: Final[Mapping[str, Kind]] = {
     "approval": Kind("http", 18080, "approval"),
 }
 """By the link's kind. The proxy serves the companion as a MAVLink router does, the autopilot the proxy as SITL does;
-what many talk to listens; a ground station waits for its aircraft."""
+the end with many peers listens; a ground station waits for its aircraft."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +51,10 @@ class Crossing:
 
 
 def crossings(links: Sequence[LinkSpec], planned: Plan, offset: int = 0) -> list[Crossing]:
-    """Where each of `links` that goes from process to process does so; grouping moves no port.
+    """The addresses of those of `links` that are between two processes; grouping moves no port.
 
     The n-th link of a kind has that kind's first port + 10 n + `offset`, on the loopback while both ends are on one
-    machine, else at the listener's address. `InputError` where a port would be none.
+    machine, else at the listener's address. Raises `InputError` if a port would be out of range.
     """
     places: dict[str, int] = {}
     numbered: dict[str, int] = {}
@@ -78,7 +78,7 @@ def crossings(links: Sequence[LinkSpec], planned: Plan, offset: int = 0) -> list
 
 
 def check_free(places: Sequence[Crossing]) -> None:
-    """Raise `InputError` with every address that is in use, is not this machine's, or two links would share."""
+    """Raise `InputError` with every address that is in use, is not this machine's, or belongs to two links."""
     faults = []
     held: dict[tuple[str, tuple[str, int]], str] = {}
     for one in places:

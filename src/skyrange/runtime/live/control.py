@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
 
 import zmq
 import zmq.asyncio
-from zmq.auth.asyncio import AsyncioAuthenticator
 from zmq.utils.monitor import recv_monitor_message
 
 from skyrange.io.curve_keys import Keys
 from skyrange.io.ends import naming, text
 from skyrange.io.mavlink_sockets import LOOPBACK, Address
+from skyrange.io.zmq_room import AllowedKeys, authenticator_of
 
 Message = dict[str, Any]
 MAX_MESSAGE_BYTES: Final = 65_536
@@ -33,9 +32,6 @@ _LINGER_MS: Final = 2_000
 _HEARTBEAT_MS: Final = 2_000
 _REFUSED: Final = int(zmq.Event.HANDSHAKE_FAILED_AUTH | zmq.Event.HANDSHAKE_FAILED_PROTOCOL)
 _REACHED: Final = int(zmq.Event.CONNECTED)
-_LOG = logging.getLogger(__name__)
-_LOG.addHandler(logging.NullHandler())
-_LOG.propagate = False  # refused peers are counted; a flood of them would fill the standard error
 
 
 def pack_message(kind: str, **data: Any) -> bytes:
@@ -124,9 +120,8 @@ class ZmqControlServer:
 
     def open(self, local: Address = (LOOPBACK, 0)) -> None:
         """See `ControlServer`."""
-        self._authenticator = AsyncioAuthenticator(self._context, log=_LOG)
-        self._authenticator.start()
-        self._authenticator.configure_curve_callback("*", self)
+        self._authenticator = authenticator_of(self._context)
+        self._authenticator.configure_curve_callback("*", AllowedKeys(self.keys.peers))
         socket = self._socket = self._context.socket(zmq.ROUTER)
         _configure(socket, self.keys, local)
         socket.curve_server = True
@@ -140,10 +135,6 @@ class ZmqControlServer:
             raise naming(local, OSError(number, zmq.strerror(number))) from error
         bound = bytes(self._socket.get(zmq.LAST_ENDPOINT)).decode().rstrip("\0")
         self.address = (local[0], int(bound.rpartition(":")[2]))
-
-    def callback(self, domain: str, key: bytes) -> bool:
-        """Whether a peer with this public key (Z85) is let in; called by the authenticator."""
-        return key in self.keys.peers
 
     async def _count_refused(self) -> None:
         while True:

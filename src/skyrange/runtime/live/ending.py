@@ -15,56 +15,61 @@ from skyrange.runtime.live.range import Range
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
 COUNTED: Final = ("sent", "received", "unheard", "early", "dropped", "garbage", "refused")
-"""Of each node's last start, as its `Counts` has them."""
+"""The counts in the manifest, of each node's last start, as `node.Counts` has them."""
 
 
-def merge_parts(flown: Range, status: str, failure: SkyrangeError | None) -> None:
+def merge_parts(live_range: Range, status: str, failure: SkyrangeError | None) -> None:
     """Merge all parts into one record, close it with `status` and `failure`, and remove the parts."""
-    extra: dict[str, Any] = {"timings": _timings(flown), "live": _live(flown)}
+    extra: dict[str, Any] = {"timings": _timings(live_range), "live": _live(live_range)}
     if failure is not None:
         extra["error"] = str(failure)
     try:
-        found = gather([flown.folder / part for part in _parts(flown)], flown.recorder, flown.rig.header)
+        found = gather(
+            [live_range.folder / part for part in _parts(live_range)], live_range.recorder, live_range.rig.header
+        )
     except SkyrangeError as error:
-        flown.recorder.close("failed", {"error": str(error)} | extra)
+        live_range.recorder.close("failed", {"error": str(error)} | extra)
         raise
-    flown.recorder.close(status, {**found, **extra})
-    shutil.rmtree(flown.folder / PARTS, ignore_errors=True)  # none where nothing was started
+    live_range.recorder.close(status, {**found, **extra})
+    shutil.rmtree(live_range.folder / PARTS, ignore_errors=True)  # absent if nothing was started
 
 
-def _parts(flown: Range) -> list[str]:
+def _parts(live_range: Range) -> list[str]:
     """The folders of all records, of each node one for each time that it was started."""
-    starts = {name: member.starts for name, member in flown.members.items()}
-    names = [node.name for node in flown.plan.nodes]
+    starts = {name: member.starts for name, member in live_range.members.items()}
+    names = [node.name for node in live_range.plan.nodes]
     return [part_of(name, start) for name in names for start in range(1, starts.get(name, 1) + 1)]
 
 
-def _timings(flown: Range) -> dict[str, Any]:
-    late_ns = max((int(member.status.get("late_ns", 0)) for member in flown.members.values()), default=0)
-    reached_s = max((to_seconds(int(one.status.get("now_ns", 0))) for one in flown.members.values()), default=0.0)
+def _timings(live_range: Range) -> dict[str, Any]:
+    late_ns = max((int(member.status.get("late_ns", 0)) for member in live_range.members.values()), default=0)
+    reached_s = max((to_seconds(int(one.status.get("now_ns", 0))) for one in live_range.members.values()), default=0.0)
     return {
-        "wall_s": round(flown.took_s, 3),
-        "real_time_factor": round(reached_s / flown.took_s, 3) if flown.took_s else None,
+        "wall_s": round(live_range.took_s, 3),
+        "real_time_factor": round(reached_s / live_range.took_s, 3) if live_range.took_s else None,
         "max_lag_s": round(to_seconds(late_ns), 3),
     }
 
 
-def _live(flown: Range) -> dict[str, Any]:
-    late = {name: int(member.status.get("late_ns", 0)) for name, member in flown.members.items()}
+def _live(live_range: Range) -> dict[str, Any]:
+    late = {name: int(member.status.get("late_ns", 0)) for name, member in live_range.members.items()}
     return {
-        "nodes": {node.name: sorted(node.endpoints) for node in flown.plan.nodes},
-        "outside": sorted(flown.plan.outside),
-        "links": {one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in flown.crossings},
-        "hosts": {node.name: node.host for node in flown.plan.nodes} if flown.plan.others else {},
-        "namespaces": dict(flown.spaces.names) if flown.spaces is not None else {},
-        "clocks": flown.clocks,
-        "refused": flown.refused,
-        "viewers": {vehicle: f"tcp://{LOOPBACK}:{port}" for vehicle, port in flown.watched},
+        "nodes": {node.name: sorted(node.endpoints) for node in live_range.plan.nodes},
+        "outside": sorted(live_range.plan.outside),
+        "links": {
+            one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in live_range.crossings
+        },
+        "hosts": {node.name: node.host for node in live_range.plan.nodes} if live_range.plan.others else {},
+        "namespaces": dict(live_range.spaces.names) if live_range.spaces is not None else {},
+        "clocks": live_range.clocks,
+        "refused": live_range.refused,
+        "viewers": {vehicle: f"tcp://{LOOPBACK}:{port}" for vehicle, port in live_range.watched},
         "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
         "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
-        "ended": {member.name: member.ended for member in flown.members.values() if member.ended},
-        "started_anew": {member.name: member.deaths for member in flown.members.values() if member.deaths},
+        "ended": {member.name: member.ended for member in live_range.members.values() if member.ended},
+        "started_anew": {member.name: member.deaths for member in live_range.members.values() if member.deaths},
         "counts": {
-            name: {key: int(member.status.get(key, 0)) for key in COUNTED} for name, member in flown.members.items()
+            name: {key: int(member.status.get(key, 0)) for key in COUNTED}
+            for name, member in live_range.members.items()
         },
     }

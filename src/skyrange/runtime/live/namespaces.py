@@ -1,7 +1,7 @@
-"""How do operators and aircraft get a network of their own? A namespace each, all on one bridge; Linux, and for root.
+"""Network namespaces for operators and aircraft, all on one bridge. For root on Linux.
 
-In them packet tools (tc, Scapy, tcpdump, arpspoof) work as on a real network: `ip netns exec NAME COMMAND`. Each has
-the interface `eth0`; the world and the approval are on this machine's side, at the bridge's address.
+In a namespace packet tools (tc, Scapy, tcpdump, arpspoof) work as on a real network: `ip netns exec NAME COMMAND`. Each
+has the interface `eth0`; the world and the approval are in the machine's own namespace, at the bridge's address.
 """
 
 from __future__ import annotations
@@ -20,36 +20,36 @@ from skyrange.core.ids import owner_of
 from skyrange.runtime.live.plan import WORLD
 
 NETWORKS: Final = range(77, 128)
-"""10.N.0.0/16 is the network of a range, and `skyN` its bridge; the first that is free."""
+"""10.N.0.0/16 is the network of a range, and `skyN` its bridge, for the first N that is free."""
 _NAMED: Final = Path("/run/netns")
 _PER_BYTE: Final = 250
 
 
 @dataclass(slots=True)
 class Namespaces:
-    """The networks of one range. They are there within `with`, and go with this process, however it ends."""
+    """The networks of one range. They exist within `with`, and are removed with this process, however it ends."""
 
     number: int
     names: Mapping[str, str]
-    """Of namespaces, by address."""
+    """Names of namespaces, by address."""
     hosts: Mapping[str, str]
     """Addresses by pattern of components, as a scenario's `hosts`."""
-    _janitor: subprocess.Popen[bytes] | None = field(default=None)
+    _cleaner: subprocess.Popen[bytes] | None = field(default=None)
 
     @property
     def bridge(self) -> str:
-        """The bridge's name, on this machine's side."""
+        """The bridge's name."""
         return f"sky{self.number}"
 
     def through(self, address: str) -> Sequence[str]:
-        """The command through which a process is started at an address; none for this machine's side."""
+        """The command through which a process is started at an address; empty for the machine's own namespace."""
         return ("ip", "netns", "exec", self.names[address]) if address in self.names else ()
 
     def __enter__(self) -> Namespaces:
         undo = [f"ip netns del {name}" for name in self.names.values()] + [f"ip link del {self.bridge}"]
-        # a process of its own, which outlives even our being killed: our end of its pipe closes, and it cleans up
+        # a process of its own, which cleans up when its pipe closes, even if this process is killed
         command = ["/bin/sh", "-c", f"cat; {'; '.join(undo)}"]
-        self._janitor = subprocess.Popen(  # noqa: S603 (all of it is made here)
+        self._cleaner = subprocess.Popen(  # noqa: S603 (the whole command is made here)
             command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
         try:
@@ -77,14 +77,14 @@ class Namespaces:
         self._clean_up()
 
     def _clean_up(self) -> None:
-        if self._janitor is not None:
-            self._janitor.communicate()
+        if self._cleaner is not None:
+            self._cleaner.communicate()
 
 
 def namespaces(components: Sequence[str]) -> Namespaces:
-    """One for each ground station and one for each aircraft among `components`; nothing is made yet.
+    """Plan one namespace for each ground station and each aircraft of `components`; nothing is created yet.
 
-    `InputError` without Linux, root or `ip`.
+    Raises `InputError` without Linux, root or `ip`.
     """
     if not sys.platform.startswith("linux") or os.geteuid() != 0:
         who = "another system" if not sys.platform.startswith("linux") else f"user {os.geteuid()}"
@@ -119,7 +119,7 @@ def _taken(number: int) -> bool:
 
 def _ip(*commands: str) -> None:
     for command in commands:
-        whole = ["ip", *command.split()]  # all of it is made here
+        whole = ["ip", *command.split()]  # made here, without input of others
         done = subprocess.run(whole, capture_output=True, text=True, check=False)  # noqa: S603
         if done.returncode:
             raise ComponentError(

@@ -33,7 +33,7 @@ from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import Credentials
 from skyrange.runtime.live.system import System
 from skyrange.runtime.live.tap_door import TapServer
-from skyrange.runtime.live.viewing import Viewing
+from skyrange.runtime.live.viewing import LiveViewers
 from skyrange.scenario.wire import Rig
 
 SLICE_NS: Final[Time] = 50 * NS_PER_MS
@@ -76,7 +76,7 @@ class Node:
         self.counts = Counts()
         self._config = config
         self._system = system
-        self._viewing = Viewing(config.watched) if config.watched else None
+        self._viewing = LiveViewers(config.watched) if config.watched else None
         observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
         self._kernel = Kernel(replace(rig.wiring, fuse=False), observers)
         self._recorder = recorder
@@ -92,7 +92,7 @@ class Node:
         self._pushed = 0
         self._arrived: dict[str, int] = {}
         self._began_cpu_s = time.process_time()
-        self._awaits = {plan.id for plan in rig.wiring.attacks if plan.trigger is not None}
+        self._awaits = {attack.id for attack in rig.wiring.attacks if attack.trigger is not None}
         self.triggered: asyncio.Queue[tuple[str, Time]] = asyncio.Queue()
         """Attacks whose trigger has held here, and since when they act."""
         self._stopped = ""
@@ -156,7 +156,7 @@ class Node:
         """Let an attack act from `start`: its trigger has held where the world is."""
         self._kernel.begin(attack, start)
 
-    async def fly(self, zero_ns: int) -> str:
+    async def run(self, zero_ns: int) -> str:
         """Run until the scenario's end, or until it is stopped; the status of the record."""
         clock = self._clock = RangeClock(self._system.clock, zero_ns)
         if self._viewing is not None:
@@ -255,7 +255,7 @@ class Node:
     def _send(self, frame: Frame) -> None:
         self._recorder.on_frame(frame)  # in flight, as far as is known here
         if self._viewing is not None:
-            self._viewing.leaves(frame)
+            self._viewing.show_outgoing(frame)
         transport = self._transports.get(frame.link)
         if transport is not None and transport.send(frame.payload):
             self.counts.sent += 1

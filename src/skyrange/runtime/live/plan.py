@@ -1,7 +1,7 @@
-"""Which process runs which component, and which links cross between two of them?
+"""Assignment of a scenario's components to processes and machines, and the links between two processes.
 
-A component is what has an address of its own in life: a ground station, the flight approval, a companion, a proxy.
-World, oracle and autopilots are one: they share every tick. The machine where they run is the one that others join.
+A component has an address of its own in life: a ground station, the flight approval, a companion, a proxy.
+World, oracle and autopilots are one component: they share every tick. The other machines join the one that runs it.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from skyrange.core.ids import APPROVAL, owner_of
 from skyrange.vehicle.onboard import ORACLE
 
 WORLD: Final = "world"
-"""The node of world, oracle, autopilots and attackers' radios."""
+"""The node with world, oracle, autopilots and attackers' radios."""
 LOOPBACK: Final = "127.0.0.1"
 Group = Literal["component", "operator", "host", "one"]
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """One process, the endpoints that live in it, and the address of the machine that it runs on."""
+    """One process, the endpoints in it, and the address of the machine on which it runs."""
 
     name: str
     endpoints: frozenset[str]
@@ -35,16 +35,16 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All processes of a range, the world's first, the components that somebody else plays, and where each is."""
+    """All processes of a range, the world's first, the components outside the range, and the machine of each."""
 
     nodes: tuple[Node, ...]
     outside: frozenset[str]
     hosts: Mapping[str, str]
-    """Addresses of machines by component."""
+    """Addresses of machines, by component."""
 
     @property
     def base(self) -> str:
-        """The address of the machine where the world runs, and the supervisor."""
+        """The address of the machine on which the world and the supervisor run."""
         return self.nodes[0].host
 
     @property
@@ -53,19 +53,19 @@ class Plan:
         return tuple(sorted({node.host for node in self.nodes} - {self.base}))
 
     def node(self, name: str) -> Node:
-        """The process of that name."""
+        """The node of that name."""
         return next(node for node in self.nodes if node.name == name)
 
     def home(self, endpoint: str) -> str:
-        """The node where an endpoint lives; "" for one outside."""
+        """The name of the node that has an endpoint; "" for one outside the range."""
         return next((node.name for node in self.nodes if endpoint in node.endpoints), "")
 
     def host(self, endpoint: str) -> str:
-        """The address of the machine where an endpoint lives, also of one outside."""
+        """The address of the machine of an endpoint, also for one outside the range."""
         return self.hosts[component_of(endpoint)]
 
     def crossing(self, links: Sequence[LinkSpec]) -> Iterator[LinkSpec]:
-        """The links that need a socket."""
+        """The links between two processes, which need a socket."""
         homes = {endpoint: node.name for node in self.nodes for endpoint in node.endpoints}
         for spec in links:
             if homes.get(spec.a, "") != homes.get(spec.b, ""):
@@ -73,20 +73,20 @@ class Plan:
 
 
 def usual_group(components: int, cores: int | None = None) -> Group:
-    """Every component its own process while there are at most eight for each core, else one per operator."""
+    """A process for each component while there are at most eight for each core, else one per operator."""
     return "component" if components <= 8 * (cores or os.cpu_count() or 1) else "operator"
 
 
-def plan(
+def assign_components(
     links: Sequence[LinkSpec],
     group: Group | None = None,
     outside: Sequence[str] = (),
     hosts: Mapping[str, str] | None = None,
 ) -> Plan:
-    """Deal the ends of all links out to processes, none of which is on two of `hosts` (see `scenario.hosts`).
+    """Assign the ends of all links to processes, each of which is on one of `hosts` (see `scenario.hosts`).
 
-    `outside` are components (`blue.gcs`, `blue/b1.companion`) that no process is started for: their sockets are left to
-    programs that the range did not start. `InputError` where it or `hosts` name what is no component.
+    `outside` are components (`blue.gcs`, `blue/b1.companion`) for which no process is started: their sockets are left
+    to programs that the range did not start. Raises `InputError` if it or `hosts` name something that is no component.
     """
     ends = sorted({end for spec in links for end in (spec.a, spec.b)})
     parts = {end: component_of(end) for end in ends}
@@ -117,7 +117,7 @@ def component_of(endpoint: str) -> str:
 
 
 def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[str, str], list[Fault]]:
-    """Every component's address, and what is wrong with `hosts`."""
+    """The address of each component, and what is wrong with `hosts`."""
     faults = []
     base = LOOPBACK
     for pattern, address in hosts.items():
@@ -136,7 +136,7 @@ def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[s
 
 
 def _node_of(component: str, group: Group, where: Mapping[str, str]) -> str:
-    """The name of the process; on another machine than the world's it says which, unless it is a component's."""
+    """The name of a component's process, with the machine if it holds several and is not on the world's."""
     host = where[component]
     at_base = host == where[WORLD]
     if component == WORLD or (at_base and group in ("one", "host")):

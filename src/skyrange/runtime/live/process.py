@@ -39,7 +39,7 @@ async def run_node(config: NodeConfig, root: Path, system: System) -> int:
             if not config.restarted:  # the others wait for nobody who is late, and have compiled what it needs
                 message = await _await_message(client, "warm_up")
                 system.warm_up(scenario, rehearse=bool(message["rehearse"]))
-            return await _fly_node(config, client, rig, root / config.part, system)
+            return await _serve_node(config, client, rig, root / config.part, system)
         except _StoppedError:
             await client.send("done", status="interrupted")
             return 0
@@ -51,7 +51,7 @@ async def run_node(config: NodeConfig, root: Path, system: System) -> int:
         client.close()
 
 
-async def _fly_node(config: NodeConfig, client: ControlClient, rig: Rig, part: Path, system: System) -> int:
+async def _serve_node(config: NodeConfig, client: ControlClient, rig: Rig, part: Path, system: System) -> int:
     facts = {"name": config.name, "host": config.host, "endpoints": list(config.endpoints), "offset_ns": 0}
     rates = rig.scenario.record
     recorder = Recorder.open(
@@ -78,7 +78,7 @@ async def _fly_node(config: NodeConfig, client: ControlClient, rig: Rig, part: P
         for task in tasks:  # a node that nobody hears, or that hears nobody, does not fly on
             task.add_done_callback(lambda ended: None if ended.cancelled() else node.stop("failed"))
         with at_ease():
-            status = await node.fly(int(start["zero_ns"]))
+            status = await node.run(int(start["zero_ns"]))
         for task in tasks:
             if task.done():
                 task.result()

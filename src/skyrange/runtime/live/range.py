@@ -15,9 +15,9 @@ from skyrange.record import Recorder
 from skyrange.runtime.live.addresses import Crossing, crossings
 from skyrange.runtime.live.control import Message
 from skyrange.runtime.live.namespaces import Namespaces, namespaces
-from skyrange.runtime.live.plan import Group, Plan, component_of, plan
+from skyrange.runtime.live.plan import Group, Plan, assign_components, component_of
 from skyrange.runtime.live.system import Process, RealSystem, System
-from skyrange.runtime.live.viewing import Watched, watched
+from skyrange.runtime.live.viewing import Watched, assign_viewer_ports
 from skyrange.runtime.run import open_record
 from skyrange.scenario.schema import OnDeath, Scenario
 from skyrange.scenario.wire import Rig, wire
@@ -28,7 +28,7 @@ MAX_STARTS = 4
 
 
 @dataclass(slots=True)
-class Member:
+class SupervisedNode:
     """A node as the supervisor knows it."""
 
     name: str
@@ -77,7 +77,7 @@ class Range:
     """Aircraft that viewers see, and at which port."""
     system: System = field(default_factory=RealSystem)
     """Clock, sockets and processes of this machine."""
-    members: dict[str, Member] = field(default_factory=dict)
+    members: dict[str, SupervisedNode] = field(default_factory=dict)
     waits_for: list[str] = field(default_factory=list)
     """Addresses of machines that have not joined yet."""
     clocks: dict[str, Any] = field(default_factory=dict)
@@ -137,7 +137,7 @@ def prepare(
         raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")
     components = {component_of(end) for spec in links for end in (spec.a, spec.b)}
     spaces = namespaces(sorted(components)) if netns else None
-    planned = plan(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
+    planned = assign_components(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
     places = crossings(links, planned, port_offset)
     if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
@@ -146,7 +146,7 @@ def prepare(
     machine.check_free([one for one in here if spaces is None])  # in networks that are not there yet nothing is taken
     control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
-    seen = watched(fleet, viewer_port) if viewer_port is not None else ()
+    seen = assign_viewer_ports(fleet, viewer_port) if viewer_port is not None else ()
     death = on_death or scenario.live.on_death
     record = open_record(rig, out)
     return Range(rig, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)

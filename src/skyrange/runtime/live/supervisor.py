@@ -21,15 +21,15 @@ from skyrange.io.curve_keys import Keys
 from skyrange.io.mavlink_sockets import Address
 from skyrange.record.folder import PARTS
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.runtime.live import launch
 from skyrange.runtime.live.control import Message
 from skyrange.runtime.live.ending import merge_parts
 from skyrange.runtime.live.host import HOST_PREFIX
 from skyrange.runtime.live.joining import RemoteHost, RemoteHosts
+from skyrange.runtime.live.launch import part_of
 from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import Credentials, issue_credentials
 from skyrange.runtime.live.plan import LOOPBACK, WORLD
-from skyrange.runtime.live.range import MAX_STARTS, Member, OnLook, Range, State
+from skyrange.runtime.live.range import MAX_STARTS, OnLook, Range, State, SupervisedNode
 
 LEAD_NS: Final = 300_000_000
 """From the message `start` to time 0."""
@@ -45,19 +45,19 @@ LOOK_S: Final = 0.1
 """Between two looks at the nodes."""
 
 
-def fly(flown: Range, on_look: OnLook | None = None) -> Path:
+def fly(live_range: Range, on_look: OnLook | None = None) -> Path:
     """Bring the range up, let it fly to the end, take it down, and merge the records; the run's folder.
 
     `on_look` is called ten times a second. Raises `ComponentError` where a node or a machine does not come up or dies,
     `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
     """
-    with flown.spaces or nullcontext(), Interruptible() as interrupt:
-        return flown.system.run(supervise(flown, on_look, interrupt))
+    with live_range.spaces or nullcontext(), Interruptible() as interrupt:
+        return live_range.system.run(supervise(live_range, on_look, interrupt))
 
 
-async def supervise(flown: Range, on_look: OnLook | None, interrupt: Interruptible) -> Path:
+async def supervise(live_range: Range, on_look: OnLook | None, interrupt: Interruptible) -> Path:
     """`fly`, in a running event loop."""
-    return await _Supervisor(flown, on_look or _ignore_look, interrupt).fly()
+    return await _Supervisor(live_range, on_look or _ignore_look, interrupt).run()
 
 
 def _ignore_look(_: Range) -> None:
@@ -75,25 +75,29 @@ def _as_failure(error: Exception) -> SkyrangeError:
 class _Supervisor:
     """One range, from its first process to its record."""
 
-    def __init__(self, flown: Range, on_look: OnLook, interrupt: Interruptible) -> None:
-        self._range = flown
+    def __init__(self, live_range: Range, on_look: OnLook, interrupt: Interruptible) -> None:
+        self._range = live_range
         self._on_look = on_look
         self._interrupt = interrupt
-        self._clock = flown.system.clock
-        public, secret = zmq.curve_keypair() if flown.keys is None else (flown.keys.public, flown.keys.secret)
+        self._clock = live_range.system.clock
+        public, secret = (
+            zmq.curve_keypair() if live_range.keys is None else (live_range.keys.public, live_range.keys.secret)
+        )
         self._credentials: Credentials = issue_credentials(public)
-        peers = {self._credentials.control.public} | (flown.keys.peers if flown.keys is not None else frozenset())
-        self._control = flown.system.control_server(Keys(public, secret, frozenset(peers)))
-        others = {address: RemoteHost(address) for address in flown.joining}
+        peers = {self._credentials.control.public} | (
+            live_range.keys.peers if live_range.keys is not None else frozenset()
+        )
+        self._control = live_range.system.control_server(Keys(public, secret, frozenset(peers)))
+        others = {address: RemoteHost(address) for address in live_range.joining}
         self._receiver: asyncio.Task[None] | None = None
         self._active_attacks: dict[str, int] = {}
         """Attacks whose trigger has held, and the range's time at which it did, in ns."""
         self._ending = False
-        self._hosts = RemoteHosts(flown.rig.scenario.name, self._control, self._on_ended, others, self._clock)
+        self._hosts = RemoteHosts(live_range.rig.scenario.name, self._control, self._on_ended, others, self._clock)
 
-    async def fly(self) -> Path:
-        """See `fly`."""
-        flown, interrupt = self._range, self._interrupt
+    async def run(self) -> Path:
+        """Run the range from its first process to its record, which it returns; see `fly`."""
+        live_range, interrupt = self._range, self._interrupt
         failure: SkyrangeError | None = None
         try:
             self._open()
@@ -103,7 +107,7 @@ class _Supervisor:
             await self._watch()
         except Exception as error:  # whatever broke: processes are ended, and the record says so
             failure = _as_failure(error)
-        flown.took_s = max(flown.now_s, 0.0)
+        live_range.took_s = max(live_range.now_s, 0.0)
         try:
             await self._end()
         except Exception as error:
@@ -111,26 +115,28 @@ class _Supervisor:
         finally:
             if self._receiver is not None:
                 self._receiver.cancel()
-            for member in flown.members.values():
+            for member in live_range.members.values():
                 if member.process is not None:
                     member.process.kill()
-            flown.clocks, flown.refused = self._hosts.manifest_entries, self._control.refused
+            live_range.clocks, live_range.refused = self._hosts.manifest_entries, self._control.refused
             self._control.close()
         try:
-            merge_parts(flown, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure)
+            merge_parts(
+                live_range, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure
+            )
         except (SkyrangeError, OSError) as error:
             told = f"{failure}\n{error}" if failure is not None else str(error)
-            hint = f"What each process recorded is in {flown.folder / PARTS}, where `skyrange show` reads it"
+            hint = f"What each process recorded is in {live_range.folder / PARTS}, where `skyrange show` reads it"
             raise ComponentError("live", told, hint) from error
         if failure is not None:
             raise failure
         if interrupt.requested:
-            raise ShortfallError(f"interrupted at {max(flown.now_s, 0.0):.1f} s", flown.folder)
-        return flown.folder
+            raise ShortfallError(f"interrupted at {max(live_range.now_s, 0.0):.1f} s", live_range.folder)
+        return live_range.folder
 
     def _open(self) -> None:
-        flown = self._range
-        local: Address = (flown.plan.base if flown.plan.others else LOOPBACK, flown.control_port)
+        live_range = self._range
+        local: Address = (live_range.plan.base if live_range.plan.others else LOOPBACK, live_range.control_port)
         try:
             self._control.open(local)
         except OSError as error:
@@ -144,58 +150,60 @@ class _Supervisor:
 
     async def _join(self) -> None:
         """Wait until all machines are there, then start every process."""
-        flown, host = self._range, self._range.plan.base
+        live_range, host = self._range, self._range.plan.base
         deadline_ns = self._deadline_ns(JOIN_S)
         while missing := self._hosts.missing:
-            flown.waits_for = missing
+            live_range.waits_for = missing
             self._raise_of_receiver()
             if self._interrupt.requested:
                 return
             if self._is_past(deadline_ns):
                 hint = f"Run `skyrange node --join {host}:{self._control.address[1]} --key FILE` there"
                 raise ComponentError("live", f"{', '.join(missing)} did not join within {JOIN_S:g} s", hint)
-            self._on_look(flown)
+            self._on_look(live_range)
             await asyncio.sleep(LOOK_S)
-        flown.waits_for = []
-        for node in flown.plan.nodes:
-            flown.members[node.name] = Member(node.name, node.host)
+        live_range.waits_for = []
+        for node in live_range.plan.nodes:
+            live_range.members[node.name] = SupervisedNode(node.name, node.host)
         for address in self._hosts.members:
-            configs = [self._config_of(node.name) for node in flown.plan.nodes if node.host == address]
-            await self._hosts.send_nodes(address, flown.rig.attachments, configs)
-        for node in flown.plan.nodes:
+            configs = [self._config_of(node.name) for node in live_range.plan.nodes if node.host == address]
+            await self._hosts.send_nodes(address, live_range.rig.attachments, configs)
+        for node in live_range.plan.nodes:
             if node.host not in self._hosts.members:
-                self._launch(flown.members[node.name])
+                self._launch(live_range.members[node.name])
 
-    def _launch(self, member: Member) -> None:
+    def _launch(self, member: SupervisedNode) -> None:
         """Start a process on this machine."""
-        flown = self._range
-        through = flown.spaces.through(member.host) if flown.spaces is not None else ()
-        member.process = flown.system.start_node(flown.folder, self._config_of(member.name), through)
+        live_range = self._range
+        through = live_range.spaces.through(member.host) if live_range.spaces is not None else ()
+        member.process = live_range.system.start_node(live_range.folder, self._config_of(member.name), through)
 
     def _config_of(self, name: str) -> NodeConfig:
-        flown = self._range
-        start = flown.members[name].starts
-        node = flown.plan.node(name)
+        live_range = self._range
+        start = live_range.members[name].starts
+        node = live_range.plan.node(name)
         return NodeConfig(
             name=node.name,
             endpoints=tuple(sorted(node.endpoints)),
-            part=launch.part_of(node.name, start),
+            part=part_of(node.name, start),
             host=node.host,
             control=self._control.address,
-            crossings=tuple(one for one in flown.crossings if {one.link.a, one.link.b} & node.endpoints),
+            crossings=tuple(one for one in live_range.crossings if {one.link.a, one.link.b} & node.endpoints),
             credentials=self._credentials,
             restarted=start > 1,
-            motion=flown.motion,
-            watched=flown.watched if node.name == WORLD else (),
+            motion=live_range.motion,
+            watched=live_range.watched if node.name == WORLD else (),
         )
 
     async def _start(self) -> None:
         """Bring all nodes up, one step after the other, and set the time at last."""
-        flown = self._range
-        names = list(flown.members)
+        live_range = self._range
+        names = list(live_range.members)
         # what the first one of a machine compiles the others there only load
         joined = self._hosts.members
-        machines = {name: flown.members[name].host if flown.members[name].host in joined else "" for name in names}
+        machines = {
+            name: live_range.members[name].host if live_range.members[name].host in joined else "" for name in names
+        }
         first = list({machines[name]: name for name in reversed(names)}.values())
         steps: tuple[tuple[Sequence[str], State, float, str], ...] = (
             (first, "here", START_S, "warm_up"),
@@ -209,10 +217,10 @@ class _Supervisor:
             if self._interrupt.requested:
                 return
             if kind == "start":
-                flown.zero_ns = self._hosts.zero_ns = self._clock.monotonic_ns() + LEAD_NS
+                live_range.zero_ns = self._hosts.zero_ns = self._clock.monotonic_ns() + LEAD_NS
             for name in who if kind else ():
                 more = {"rehearse": name in first or self._rehearses(name)} if kind == "warm_up" else {}
-                await self._control.send(name, kind, zero_ns=self._hosts.zero_at(flown.members[name].host), **more)
+                await self._control.send(name, kind, zero_ns=self._hosts.zero_at(live_range.members[name].host), **more)
 
     def _rehearses(self, name: str) -> bool:
         """Whether a node may come to need what the first half minute does not show: an evasion, say."""
@@ -238,19 +246,19 @@ class _Supervisor:
 
     async def _watch(self) -> None:
         """Wait until all are done, or one of them has ended that the range cannot do without."""
-        flown, interrupt = self._range, self._interrupt
-        while not interrupt.requested and any(one.state not in ("done", "dead") for one in flown.members.values()):
+        live_range, interrupt = self._range, self._interrupt
+        while not interrupt.requested and any(one.state not in ("done", "dead") for one in live_range.members.values()):
             self._raise_of_receiver()
             self._notice_ended()
-            for dead in [member for member in flown.members.values() if member.ended]:
-                if flown.on_death == "stop" or dead.name == WORLD:
+            for dead in [member for member in live_range.members.values() if member.ended]:
+                if live_range.on_death == "stop" or dead.name == WORLD:
                     raise ComponentError(dead.name, dead.ended)
-                if flown.on_death == "restart" and dead.starts < MAX_STARTS and not dead.running:
+                if live_range.on_death == "restart" and dead.starts < MAX_STARTS and not dead.running:
                     await self._restart(dead)
-            self._on_look(flown)
+            self._on_look(live_range)
             await asyncio.sleep(LOOK_S)
 
-    async def _restart(self, dead: Member) -> None:
+    async def _restart(self, dead: SupervisedNode) -> None:
         """Start the next process of its name, which `_lead` brings up while the others fly."""
         dead.deaths.append(dead.ended)
         dead.state, dead.ended, dead.status, dead.gone = "starting", "", {}, False
@@ -350,24 +358,24 @@ class _Supervisor:
 
     async def _end(self) -> None:
         """Tell all nodes to stop, wait until their records are closed, and get those from other machines."""
-        flown = self._range
+        live_range = self._range
         self._ending = True
-        for name, member in flown.members.items():
+        for name, member in live_range.members.items():
             if member.state not in ("done", "dead"):
                 await self._control.send(name, "stop")
         deadline_ns = self._deadline_ns(END_S)
-        while any(one.running for one in flown.members.values()) and not self._is_past(deadline_ns):
+        while any(one.running for one in live_range.members.values()) and not self._is_past(deadline_ns):
             self._notice_ended()
-            if all(not one.running or one.state == "dead" for one in flown.members.values()):
+            if all(not one.running or one.state == "dead" for one in live_range.members.values()):
                 break
-            self._on_look(flown)
+            self._on_look(live_range)
             await asyncio.sleep(LOOK_S)
         failure: SkyrangeError | None = None
         for address, host in self._hosts.members.items():
-            if not host.joined or self._hosts.is_silent(host) or not flown.members:
+            if not host.joined or self._hosts.is_silent(host) or not live_range.members:
                 continue
             try:
-                await self._hosts.fetch_records(address, flown.folder)
+                await self._hosts.fetch_records(address, live_range.folder)
             except SkyrangeError as error:
                 failure = failure or error
         await self._hosts.dismiss()

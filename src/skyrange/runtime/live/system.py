@@ -13,11 +13,11 @@ from typing import Any, Protocol, TypeVar
 
 from skyrange.io.curve_keys import Keys
 from skyrange.io.mavlink_sockets import Address, OnPiece
-from skyrange.runtime.live import ends, launch
 from skyrange.runtime.live.addresses import Crossing, check_free
 from skyrange.runtime.live.clock import Clock, MonotonicClock
 from skyrange.runtime.live.control import ControlClient, ControlServer, ZmqControlClient, ZmqControlServer
-from skyrange.runtime.live.ends import Transport
+from skyrange.runtime.live.ends import Transport, connect, listen
+from skyrange.runtime.live.launch import start_node
 from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import Credentials
 from skyrange.runtime.warm import warm_up
@@ -113,15 +113,15 @@ class RealSystem:
 
     async def listen(self, crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
         """See `System`."""
-        return await ends.listen(crossing, on_piece, host, credentials)
+        return await listen(crossing, on_piece, host, credentials)
 
     async def connect(self, crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
         """See `System`."""
-        return await ends.connect(crossing, on_piece, host, credentials)
+        return await connect(crossing, on_piece, host, credentials)
 
     def start_node(self, root: Path, config: NodeConfig, through: Sequence[str] = ()) -> Process:
         """See `System`."""
-        return launch.start_node(root, config, through)
+        return start_node(root, config, through)
 
     def warm_up(self, scenario: Scenario, *, rehearse: bool) -> None:
         """See `System`."""

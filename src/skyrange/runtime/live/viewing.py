@@ -1,6 +1,6 @@
-"""How do ground stations watch a live range? From the node of the autopilots, which reads nothing of what they send.
+"""Viewers of a live range: ground stations that watch at ports of the node in which the autopilots run.
 
-A viewer is shown what leaves an autopilot for its proxy, at the ports and by the rules of `runtime.viewers`.
+A viewer receives what an autopilot sends to its proxy, at the ports and by the rules of `runtime.viewers`.
 """
 
 from __future__ import annotations
@@ -14,40 +14,40 @@ from skyrange.agent.frames import Fate, Frame
 from skyrange.runtime.viewers import Viewers
 
 SERVED_S: Final = 0.02
-"""Between two looks at the viewers' sockets."""
+"""Interval at which the viewers' sockets are served."""
 Watched = tuple[tuple[str, int], ...]
-"""Each aircraft that is watched, and the TCP port where."""
+"""Each aircraft that is watched, and its TCP port."""
 
 
-def watched(vehicles: Sequence[str], first_port: int) -> Watched:
-    """A port for each aircraft, `first_port` and on, 0 for any; all are free now, or `InputError` says which is not."""
+def assign_viewer_ports(vehicles: Sequence[str], first_port: int) -> Watched:
+    """A port for each aircraft from `first_port` on, 0 for any. Raises `InputError` with the ports that are taken."""
     with Viewers(vehicles, first_port) as tried:
         return tuple((vehicle, port) for vehicle, _, port in tried.addresses)
 
 
-class Viewing(Viewers):
-    """The viewers of the aircraft whose autopilots live in this process.
+class LiveViewers(Viewers):
+    """The viewers of the aircraft whose autopilots run in this process.
 
-    An observer of its kernel, as any `Viewers`; a frame that leaves for a proxy in another process meets its fate
-    there, and is shown as it leaves.
+    An observer of its kernel, like any `Viewers`; a frame for a proxy in another process meets its fate there, so it is
+    shown when it leaves.
     """
 
     def __init__(self, where: Watched) -> None:
-        """Listen. `InputError` where a port cannot be had."""
+        """Listen. Raises `InputError` if a port cannot be had."""
         super().__init__([vehicle for vehicle, _ in where], [port for _, port in where])
         self._serving: asyncio.Task[None] | None = None
 
-    def leaves(self, frame: Frame) -> None:
-        """Show a frame that is written to a socket now."""
+    def show_outgoing(self, frame: Frame) -> None:
+        """Show a frame that is being written to a socket."""
         if frame.fate is Fate.IN_FLIGHT:
             self.show(frame)
 
     def open(self) -> None:
-        """Serve from now until `close`, beside whatever else this process does."""
+        """Serve in the background from now until `close`."""
         self._serving = asyncio.get_running_loop().create_task(self._serve())
 
     def close(self) -> None:
-        """Give the ports back. Again does nothing."""
+        """Close the ports. A second call does nothing."""
         if self._serving is not None:
             self._serving.cancel()
             self._serving = None
@@ -60,5 +60,5 @@ class Viewing(Viewers):
 
     @property
     def status(self) -> Mapping[str, int]:
-        """What viewers did, for the supervisor."""
+        """Counts of the viewers' ports, for the supervisor."""
         return {f"viewing_{name}": count for name, count in asdict(self.counts).items()}

@@ -11,10 +11,9 @@ from typing import Any, TypeVar
 
 from skyrange.io.curve_keys import Keys
 from skyrange.io.mavlink_sockets import Address, OnPiece
-from skyrange.runtime.live import ends
 from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.control import ControlClient, ControlServer
-from skyrange.runtime.live.ends import Transport
+from skyrange.runtime.live.ends import Transport, connect, listen
 from skyrange.runtime.live.launch import write_config
 from skyrange.runtime.live.orders import NodeConfig
 from skyrange.runtime.live.passes import Credentials
@@ -108,13 +107,13 @@ class VirtualSystem:
     async def listen(self, crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
         """See `System`."""
         if crossing.transport in ("udp", "tcp"):
-            return await ends.listen(crossing, on_piece, host, credentials)
+            return await listen(crossing, on_piece, host, credentials)
         return MessageListener(self.network, on_piece, crossing.transport, crossing.address)
 
     async def connect(self, crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
         """See `System`."""
         if crossing.transport in ("udp", "tcp"):
-            return await ends.connect(crossing, on_piece, host, credentials)
+            return await connect(crossing, on_piece, host, credentials)
         return MessageConnector(self.network, on_piece, crossing.transport, crossing.address)
 
     def start_node(self, root: Path, config: NodeConfig, through: Sequence[str] = ()) -> VirtualProcess:
