@@ -1,7 +1,7 @@
-"""How does an agent remember which of very many frames told it something? As two numbers each, not as an object.
+"""References to frames as columns: two numbers for each frame instead of an object.
 
-A `FrameId` is three names and a serial. The names are few: they are numbered in a book, and state that outlives a step
-keeps (number, serial) in its columns. The id is put together again when it is quoted in `causes`.
+A `FrameId` is three names and a serial. The names are few: a table numbers them, and state that outlives a step keeps
+(number, serial) in its columns. The id is made again when it is quoted in `causes`.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from skyrange.agent.payloads import Ints
 from skyrange.core.ids import FrameId
 
 NO_REF = -1
-"""The number that stands for no frame."""
+"""Stands for no frame."""
 
 
 class RefBook:
-    """The names that an agent's frames came under, numbered as they turn up. Deep-copyable."""
+    """The names of the frames that an agent received, numbered in order of first arrival. Deep-copyable."""
 
     __slots__ = ("_lanes", "_names", "_numbers", "_of_lane")
 
@@ -50,7 +50,7 @@ class RefBook:
         return self._names
 
     def parents(self, numbers: Ints, serials: Ints) -> Parents:
-        """The same frames as what a block is made of; none of them `NO_REF`."""
+        """The same frames as parents of a block; none of them may be `NO_REF`."""
         return Parents(self._names, numbers, serials)
 
     def id(self, number: int, serial: int) -> FrameId | None:
