@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import tomllib
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,11 +20,21 @@ from skyrange.agent.plugins import AVOIDANCE
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
+from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.avoidance.conflicts import entry_s, in_the_way, towards
-from skyrange.vehicle.avoidance.contract import NO_TRACKS, Action, Limits, Own, Tracks
+from skyrange.vehicle.avoidance.contract import (
+    NO_TRACKS,
+    Action,
+    AvoidanceContext,
+    AvoidancePlugin,
+    Limits,
+    Own,
+    Tracks,
+)
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
+from skyrange.vehicle.avoidance.orca import Orca
 from skyrange.vehicle.avoidance.stop import Stop
 from skyrange.vehicle.avoidance.walls import clearance, corners, leg_clear, nearby, straight, walls_of
 
@@ -236,7 +247,11 @@ def test_kinds_are_plugins_and_bad_parameters_are_named() -> None:
     offered = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][AVOIDANCE]
     for kind, value in offered.items():
         module, name = value.split(":")
-        assert getattr(importlib.import_module(module), name).kind == kind
+        plugin = getattr(importlib.import_module(module), name)
+        assert isinstance(plugin, AvoidancePlugin)
+        with suppress(ComponentError):  # orca, where pyrvo is not installed
+            assert plugin(Limits(), AvoidanceContext()).kind == kind
+    assert Orca.kind == "orca"
     assert Geometric(None, Limits(protected_m=30)).limits.protected_m == 30.0
     with pytest.raises(ValidationError) as error:
         Limits.model_validate({"protectd_m": 30, "look_ahead_s": -1, "margin": 0.5, "least_m": True})

@@ -3,10 +3,10 @@ from __future__ import annotations
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.load import build, parse
+from skyrange.scenario.load import build, parse_toml
 from skyrange.scenario.overrides import override, parse_value
 
-DATA = parse(
+DATA = parse_toml(
     """
 origin = { lat = 1, lon = 2 }
 [[operators]]

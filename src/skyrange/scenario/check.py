@@ -19,7 +19,7 @@ APART_M = 0.5
 
 
 def check(scenario: Scenario, city: City | None) -> list[Fault]:
-    """All faults of a placed scenario (see `placing.placed`) in its world; an empty list means it can start.
+    """All faults of a scenario that is placed, in its world; an empty list means that it can start.
 
     Found: starts inside buildings or on top of each other, mission files that cannot be read, and what
     `gcs.checks` finds in a plan (points below the ground, NaN, no take-off…).

@@ -1,7 +1,8 @@
 """Avoidance as plugins: own state, tracks and the episode under way → a decision.
 
 An avoidance is a plain object: `decide` is a pure function, and what must outlive a call (an `Episode`) is handed in
-and handed back. Kinds are plugins of `skyrange.avoidance`; their parameters are `Limits`, or a subclass with more.
+and handed back. Kinds are plugins of `skyrange.avoidance`. Their parameters are `Limits`, or a subclass of it
+with more.
 """
 
 from __future__ import annotations
