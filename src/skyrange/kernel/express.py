@@ -151,8 +151,8 @@ class FastPath:
         """Send `payloads` on `links` (numbers, all of one path); returns where and when each of them comes out."""
         deliveries: list[BlockDelivery] = []
         _follow(
-            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, [], sent_counts,
-            deliveries,
+            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, [],
+            sent_counts, deliveries,
         )  # fmt: skip
         return deliveries
 
