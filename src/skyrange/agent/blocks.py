@@ -47,8 +47,8 @@ class FrameBlock:
     """Frames that directed links' own sources sent at `sent_ns`, one row each; `arrived_ns` and `fate` as in `Frame`.
 
     Row `i` is frame `serial[i]` of directed link `lane[i]`. It carries payload `rows[i]` of `payloads`, or
-    payload `i` where `rows` is None. Its parent, the frame that it forwards, is frame `parent_serial[i]` of directed link
-    `parent_lane[i]`; both are None where no row has a parent.
+    payload `i` where `rows` is None. Its parent, the frame that it forwards, is frame `parent_serial[i]` of
+    directed link `parent_lane[i]`; both are None where no row has a parent.
     """
 
     __slots__ = (
