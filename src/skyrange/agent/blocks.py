@@ -46,14 +46,23 @@ class Lanes:
 class FrameBlock:
     """Frames that directed links' own sources sent at `sent_ns`, one row each; `arrived_ns` and `fate` as in `Frame`.
 
-    Row `i` is frame `serial[i]` of directed link `lane[i]` and carries payload `rows[i]` of `payloads`, or payload `i`
-    where `rows` is None. Its parent, the frame that it forwards, is frame `parent_serial[i]` of directed link
-    `parent_lane[i]`; both are None where no row has a parent.
+    Row `i` is frame `serial[i]` of directed link `lane[i]`. It carries payload `rows[i]` of `payloads`, or
+    payload `i` where `rows` is None. Its parent, the frame that it forwards, is frame `parent_serial[i]` of
+    directed link `parent_lane[i]`; both are None where no row has a parent.
     """
 
     __slots__ = (
-        "arrived_ns", "fate", "lane", "lanes", "parent_lane", "parent_serial", "payloads", "rows", "sent_ns", "serial",
-    )  # fmt: skip
+        "arrived_ns",
+        "fate",
+        "lane",
+        "lanes",
+        "parent_lane",
+        "parent_serial",
+        "payloads",
+        "rows",
+        "sent_ns",
+        "serial",
+    )
 
     def __init__(
         self,

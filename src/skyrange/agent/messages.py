@@ -151,10 +151,10 @@ class Inbox(Sequence[Arrival]):
         number -= len(self._singles)
         for block in self._blocks:
             if number < len(block):
-                lane = int(block.lane[number])
-                name = block.lanes.names[lane]
+                link = int(block.lane[number])
+                name = block.lanes.names[link]
                 return Arrival(
-                    block.lanes.ports[lane], block.arrived_ns, block.payload(number), name.src, block.id(number)
+                    block.lanes.ports[link], block.arrived_ns, block.payload(number), name.src, block.id(number)
                 )
             number -= len(block)
         raise IndexError(number)
@@ -170,16 +170,18 @@ class Inbox(Sequence[Arrival]):
         """Numbers of the arrivals in their order; singles count first, then the blocks' rows."""
         if not self._blocks:
             return np.arange(len(self._singles), dtype=np.int64)
-        lanes = self._blocks[0].lanes
-        numbers = [lanes.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
-        if min(numbers, default=0) >= 0:  # lanes are numbered in order of their names
+        block = self._blocks[0]
+        numbers = [block.lanes.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
+        if min(numbers, default=0) >= 0:  # directed links are numbered in order of their names
             rows = np.array([(arrival.ref.serial, arrival.at) for arrival in self._singles], dtype=np.int64)
             rows = rows.reshape(-1, 2)
-            lane = np.concatenate([np.array(numbers, dtype=np.int64), *(block.lane for block in self._blocks)])
+            link = np.concatenate([np.array(numbers, dtype=np.int64), *(block.lane for block in self._blocks)])
             serial = np.concatenate([rows[:, 0], *(block.serial for block in self._blocks)])
             at = np.concatenate([rows[:, 1], *(np.full(len(block), block.arrived_ns) for block in self._blocks)])
-            return np.lexsort((lane << _SERIAL_BITS | serial, at))
-        keys = [_key(arrival) for arrival in self._singles]  # a tap's frames among them: it has no lane
+            return np.lexsort((link << _SERIAL_BITS | serial, at))
+        keys = [
+            _key(arrival) for arrival in self._singles
+        ]  # a tap's frames among them: their sender is no link's source
         for block in self._blocks:
             for row in range(len(block)):
                 id_ = block.id(row)

@@ -22,13 +22,13 @@ NO_REF = -1
 class RefBook:
     """The names of the frames that an agent received, numbered in order of first arrival. Deep-copyable."""
 
-    __slots__ = ("_lanes", "_names", "_numbers", "_of_lane")
+    __slots__ = ("_names", "_numbers", "_of_link", "_table")
 
     def __init__(self) -> None:
         self._names: list[tuple[str, str, str]] = []
         self._numbers: dict[tuple[str, str, str], int] = {}
-        self._lanes: Lanes | None = None
-        self._of_lane = np.zeros(0, dtype=np.int64)
+        self._table: Lanes | None = None
+        self._of_link = np.zeros(0, dtype=np.int64)
 
     def read(self, inbox: Inbox, order: Ints) -> tuple[Ints, Ints]:
         """(n,) numbers and (n,) serials of the arrivals `order`, as `Columns.order` numbers them."""
@@ -40,7 +40,7 @@ class RefBook:
         at = len(singles)
         for block in blocks:
             part = slice(at, at + len(block))
-            numbers[part], serials[part] = self._lane_numbers(block.lanes, block.lane), block.serial
+            numbers[part], serials[part] = self._number_links(block.lanes, block.lane), block.serial
             at += len(block)
         return numbers[order], serials[order]
 
@@ -64,11 +64,11 @@ class RefBook:
             self._names.append(name)
         return found
 
-    def _lane_numbers(self, lanes: Lanes, lane: Ints) -> Ints:
-        if self._lanes is not lanes:
-            self._lanes = lanes
-            self._of_lane = np.full(len(lanes.names), NO_REF, dtype=np.int64)
-        found = self._of_lane[lane]
-        for new in np.unique(lane[found == NO_REF]).tolist():
-            self._of_lane[new] = self._number(lanes.names[new][:3])
-        return self._of_lane[lane]
+    def _number_links(self, table: Lanes, links: Ints) -> Ints:
+        if self._table is not table:
+            self._table = table
+            self._of_link = np.full(len(table.names), NO_REF, dtype=np.int64)
+        found = self._of_link[links]
+        for new in np.unique(links[found == NO_REF]).tolist():
+            self._of_link[new] = self._number(table.names[new][:3])
+        return self._of_link[links]

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 from collections.abc import Callable
 from functools import cache
 from hashlib import blake2b
@@ -29,7 +30,7 @@ R = TypeVar("R")
 
 config: Any = numba_config
 
-_MARK = b"skyrange.core.compiled import kernel"
+_MARK = re.compile(rb"skyrange\.core\.compiled import kernel\b")
 
 
 class _Shared(FunctionCache):
@@ -80,7 +81,7 @@ def _cache_folder() -> str:
     digest = blake2b(digest_size=8)
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
-        if _MARK in text:
+        if _MARK.search(text) or path == Path(__file__):
             digest.update(text)
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "skyrange"
     for home in (package / "__pycache__", user):

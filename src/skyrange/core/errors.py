@@ -57,7 +57,7 @@ class InputError(SkyrangeError):
         """`who` is at fault (a file's name, "scenario", an option); `faults` is not empty."""
         self.who = who
         self.faults = tuple(faults)
-        lines = "\n".join(f"  {fault}" for fault in self.faults)
+        lines = "\n".join(f"  {problem}" for problem in self.faults)
         super().__init__(f"{who}:\n{lines}" if len(self.faults) > 1 else f"{who}: {self.faults[0]}")
 
     @classmethod

@@ -100,7 +100,7 @@ class FastPath:
         """`links` by number, wired; `ports` has the place of every owned port among its owner's."""
         names = [LaneName(link.link_name, link.direction, link.src, link.dst) for link in links]
         places = np.array([ports.get(link.port, -1) for link in links], dtype=np.int64)
-        self.lanes = Lanes(names, places)
+        self.link_table = Lanes(names, places)
         self.path_of = np.full(len(links), -1, dtype=np.int64)
         """Directed link → its path, -1 for none."""
         self.mailboxes: list[Mailbox] = []
@@ -133,7 +133,7 @@ class FastPath:
         if names is not self._names:  # another agent's table
             self._names, known = names, _NONE
         if len(known) < len(names):  # a table only grows
-            numbers = [self.lanes.numbers.get(name, -1) for name in names[len(known) :]]
+            numbers = [self.link_table.numbers.get(name, -1) for name in names[len(known) :]]
             known = np.concatenate([known, np.array(numbers, dtype=np.int64)])
         self._named = known
         return known[parents.numbers]
@@ -151,8 +151,8 @@ class FastPath:
         """Send `payloads` on `links` (numbers, all of one path); returns where and when each of them comes out."""
         deliveries: list[BlockDelivery] = []
         _follow(
-            self._paths[path], self.lanes, now, links, payloads, None, parent_links, parent_serials, [], sent_counts,
-            deliveries,
+            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, [],
+            sent_counts, deliveries,
         )  # fmt: skip
         return deliveries
 
@@ -162,7 +162,7 @@ class FastPath:
         block, rows = pending.block, pending.rows
         carried = rows if block.rows is None else block.rows[rows]
         _follow(
-            pending.hop, self.lanes, pending.sent, pending.starts, block.payloads, carried,
+            pending.hop, self.link_table, pending.sent, pending.starts, block.payloads, carried,
             block.lane[rows], block.serial[rows], [], sent_counts, deliveries,
         )  # fmt: skip
         return deliveries
@@ -170,7 +170,7 @@ class FastPath:
 
 def _follow(
     hop: _Hop,
-    lanes: Lanes,
+    table: Lanes,
     now: Time,
     starts: Ints,
     payloads: Payloads,
@@ -186,7 +186,7 @@ def _follow(
     serial = _take_serials(link, sent_counts)
     arrival = now + hop.latency_ns
     block = FrameBlock(
-        lanes, link, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_links, parent_serials
+        table, link, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_links, parent_serials
     )  # fmt: skip
     hops.append(block)
     if hop.staged:
@@ -204,13 +204,13 @@ def _follow(
     for onward in hop.next:
         sent = ceil_to(arrival, onward.service_ns)
         if onward.select is None:
-            _follow(onward, lanes, sent, starts, payloads, rows, link, serial, hops, sent_counts, deliveries)
+            _follow(onward, table, sent, starts, payloads, rows, link, serial, hops, sent_counts, deliveries)
         else:
             chosen = np.flatnonzero(_select_rows(onward.select, block.carried()))
             if len(chosen) == 0:
                 continue
             _follow(
-                onward, lanes, sent, starts[chosen], payloads, chosen if rows is None else rows[chosen],
+                onward, table, sent, starts[chosen], payloads, chosen if rows is None else rows[chosen],
                 link[chosen], serial[chosen], hops, sent_counts, deliveries,
             )  # fmt: skip
         branched = True

@@ -316,7 +316,7 @@ class Kernel:
                     now, slot.engine.name, Note(f"event.engine_{is_now}", vehicle, {"was": str(was)})
                 )
                 if is_now in (InstanceStatus.SILENT, InstanceStatus.DEAD):
-                    gone.append(f"{vehicle} ({is_now}{_why(slot.engine, vehicle)})")
+                    gone.append(f"{vehicle} ({is_now}{_format_reason(slot.engine, vehicle)})")
                 if is_now is InstanceStatus.DEAD and vehicle in slot.moved:  # its engine moves it no more
                     assert self._world is not None
                     self._world.set_source(np.array([slot.moved[vehicle]]), Source.DYNAMIC)
@@ -332,7 +332,7 @@ class Kernel:
             if booting:
                 raise ComponentError(
                     f"engine {slot.engine.name}",
-                    f"{', '.join(f'{v}{_why(slot.engine, v)}' for v in booting)} still booting at time 0",
+                    f"{', '.join(f'{v}{_format_reason(slot.engine, v)}' for v in booting)} still booting at time 0",
                     'Set on_unready = "wait" to let them come later',
                 )
 
@@ -364,7 +364,7 @@ class Kernel:
         self._network.send(now, sender, outbox)
 
 
-def _why(engine: Engine, vehicle: str) -> str:
+def _format_reason(engine: Engine, vehicle: str) -> str:
     """What the engine says is wrong, to follow a vehicle's name; "" where it says nothing."""
     reason = engine.why(vehicle)
     return f": {reason}" if reason else ""

@@ -4,7 +4,8 @@ Order on a link: sender, sender-side taps, channel, receiver-side taps, receiver
 meets only the taps after its own. Everything that takes time becomes an event in `heap`.
 
 `Network.send` is the only way in for what agents and engines send. Frames that are sent singly travel one by one, in
-this module; blocks go through `skyrange.kernel.convoy` where their links allow it. The record is the same either way.
+this module; blocks go through `skyrange.kernel.convoy` where their links allow it. The record is the same either
+way.
 """
 
 from __future__ import annotations
