@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from skyrange.codec.f3411 import faults as find_remote_id_faults
     from skyrange.codec.mavlink import decode as decode_mavlink
     from skyrange.codec.mavlink import message_name as name_mavlink
-    from skyrange.record import RunRecord, load
+    from skyrange.record import RunRecord, load, replay_monitor
     from skyrange.study.agreement import Agreement
     from skyrange.study.agreement import agreement as compare_outcomes
     from skyrange.study.diff import Difference
@@ -57,6 +57,7 @@ __all__ = [
     "overheard",
     "plan_view",
     "receivers_of",
+    "replay_monitor",
     "summary",
     "track_deviation",
     "trajectories_3d",

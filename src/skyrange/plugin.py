@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         Heard,
         Listening,
         Medium,
+        MediumBase,
         OnAir,
         RadioSpec,
         RadioTable,
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from skyrange.agent.contracts import (
         Agent,
         Engine,
+        EngineBase,
         Finished,
         InstanceStatus,
         Observer,
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from skyrange.agent.frames import Fate, Frame
     from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
     from skyrange.agent.messages import Arrival, Departure, Inbox, Note, Outbox
+    from skyrange.agent.monitors import Alert, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
     from skyrange.agent.plugins import NoParams, Plugin, register
     from skyrange.agent.settings import Enu, Number, Params, Whole, refuse
     from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
@@ -69,6 +72,8 @@ if TYPE_CHECKING:
     from skyrange.core.ids import FrameId, Port, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
     from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
     from skyrange.core.volumes import Volume4D
+    from skyrange.detect.receptions import read_receptions
+    from skyrange.detect.telemetry import read_messages
     from skyrange.radio.contract import MediumContext, MediumPlugin
     from skyrange.radio.surroundings import Surroundings
     from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService, intent_id
@@ -97,6 +102,7 @@ __all__ = [
     "Agent",
     "Aircraft",
     "Airframe",
+    "Alert",
     "ApprovalContext",
     "ApprovalDecision",
     "ApprovalPlugin",
@@ -131,6 +137,7 @@ __all__ = [
     "Drop",
     "EmitterTable",
     "Engine",
+    "EngineBase",
     "Enu",
     "Episode",
     "Epoch",
@@ -152,12 +159,17 @@ __all__ = [
     "Location",
     "MavlinkPacker",
     "Medium",
+    "MediumBase",
     "MediumContext",
     "MediumPlugin",
     "MessagePack",
+    "Monitor",
+    "MonitorPlacement",
     "NoParams",
     "Note",
     "Number",
+    "ObservedFrame",
+    "ObservedFrames",
     "Observer",
     "OnAir",
     "OperationalIntent",
@@ -216,6 +228,8 @@ __all__ = [
     "operator_of",
     "owner_of",
     "policy_plugin",
+    "read_messages",
+    "read_receptions",
     "refuse",
     "register",
     "to_seconds",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Poses, Sensors
+from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Poses, Sensors
 from skyrange.agent.messages import Inbox, Note, Outbox
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -26,7 +26,7 @@ MAIL = [
 ]
 
 
-class Lifter:
+class Lifter(EngineBase):
     """Holds each aircraft at 3 m, tells its height five times a second, answers what it is asked: keeps every rule."""
 
     service_ns: Any = 10 * NS_PER_MS
@@ -86,6 +86,15 @@ class Nameless(Lifter):
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
         self.name = ""
+
+
+class Unending(Lifter):
+    """Has everything but `close`."""
+
+    def __getattribute__(self, name: str) -> Any:
+        if name == "close":
+            raise AttributeError(name)
+        return super().__getattribute__(name)
 
 
 class Backwards(Lifter):
@@ -301,6 +310,7 @@ BREAKING: list[tuple[str, Any]] = [
     ("actuators", commanding(lambda motors, tick: motors[:, 0])),
     ("actuators", commanding(lambda motors, tick: motors if tick else motors[:, :1])),
     ("declares", with_(moves=["red/r1"])),
+    ("declares", Unending),
     ("poses", Posed),
     ("poses", Unasked),
     ("poses", type("Lost", (Carried,), {"far_m": np.nan})),

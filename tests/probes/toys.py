@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, Source, World
+from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors, Source, World
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import Channel, LinkSpec, Route
 from skyrange.agent.messages import Inbox, Note, Outbox
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time
@@ -28,6 +29,7 @@ class Log:
         self.frames: list[tuple[object, ...]] = []
         self.notes: list[tuple[object, ...]] = []
         self.labels: list[Label] = []
+        self.alerts: list[tuple[Time, str, Alert]] = []
         self.truth: list[tuple[object, ...]] = []
         self.truth_period_ns: Time = 10 * MS
 
@@ -58,6 +60,9 @@ class Log:
 
     def on_label(self, label: Label) -> None:
         self.labels.append(label)
+
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        self.alerts.append((now, detector, alert))
 
     def on_truth(self, now: Time, world: World) -> None:
         self.truth.append((now, {name: column.tobytes() for name, column in world.truth().items()}))
@@ -208,7 +213,7 @@ class Bodies:
         return {"up_m": self._height_m.copy()}
 
 
-class Climber:
+class Climber(EngineBase):
     """A lockstep engine: each instance climbs at its own rate; `falls_silent` may say when one stops answering."""
 
     clock: Literal["lockstep", "wall"] = "lockstep"

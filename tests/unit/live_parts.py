@@ -12,6 +12,7 @@ from skyrange.agent.contracts import World
 from skyrange.agent.frames import Frame
 from skyrange.agent.links import Channel, LinkSpec
 from skyrange.agent.messages import Inbox, Note, Outbox
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.kernel import Kernel, Transit, Wiring
@@ -93,6 +94,9 @@ class Behind:
     def on_label(self, label: Label) -> None:
         until = None if label.until_ns is None else label.until_ns - self.offset_ns
         self.recorder.on_label(label._replace(at_ns=label.at_ns - self.offset_ns, until_ns=until))
+
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        self.recorder.on_alert(now - self.offset_ns, detector, alert._replace(at=alert.at - self.offset_ns))
 
     def on_truth(self, now: Time, world: World) -> None:
         self.recorder.on_truth(now - self.offset_ns, world)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Poses, Sensors, Source
+from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Poses, Sensors, Source
 from skyrange.agent.links import LinkSpec
 from skyrange.agent.messages import Inbox, Outbox
 from skyrange.core.errors import ComponentError, InputError
@@ -25,7 +25,7 @@ FLEET = ["blue/b1", "blue/b2", "green/g1"]
 RADIUS_M = 4.0
 
 
-class Rounds:
+class Rounds(EngineBase):
     """Flies some of its vehicles in circles by its own reckoning at 50 Hz, and has the world hover the others."""
 
     service_ns: Time = 20 * NS_PER_MS

@@ -1,6 +1,7 @@
-"""What must an agent, a tap, an engine, a world, an observer do? The protocols, and nothing else.
+"""Protocols of the components that a kernel runs: agents, taps, sensor faults, triggers, engines, the world, observers.
 
-`skyrange.testing` ships a conformance check for each that a plugin may implement.
+`skyrange.testing` has a conformance check for each that a plugin may implement. Monitors, which detectors are, have a
+module of their own (`skyrange.agent.monitors`), and so have radio media (`skyrange.agent.air`).
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, NamedTuple, Protocol
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Inbox, Note, Outbox
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
@@ -27,52 +30,56 @@ Ints = NDArray[np.int64]
 class Agent(Protocol):
     """A component as a plain object: same inputs, same outputs; no clock, no socket, no thread.
 
-    The kernel hands it everything that arrived since its last step, at the next multiple of
-    `service_ns` (a real program polls), and steps it when `next_wakeup` falls due (perhaps later,
-    never earlier). All its state is deep-copyable data: no generators, closures or handles.
+    The kernel hands it everything that arrived since its last step, at the next multiple of `service_ns`, as a real
+    program polls. It also steps it when `next_wakeup` falls due, perhaps later but never earlier. All its state is
+    deep-copyable data: no generators, closures or handles.
     """
 
     name: str
     service_ns: Time
     ports: Sequence[Port]
-    """Where it sends and receives. An agent may own many vehicles' endpoints."""
+    """The link ends at which it sends and receives. An agent may own the endpoints of many vehicles."""
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """React to time and frames; the outbox is complete, never a generator."""
         ...
 
     def next_wakeup(self) -> Time | None:
-        """When it wants to be stepped without mail; `None` for "only by mail"."""
+        """When it is to be stepped without mail; `None` for "only by mail"."""
         ...
 
 
+@runtime_checkable
 class Speaker(Agent, Protocol):
-    """An agent that also sends on links where its endpoint forwards, and hears nothing there."""
+    """An agent that also sends on links over which its endpoint forwards; it receives nothing there.
+
+    A kernel takes an agent with an attribute `speaks` for one.
+    """
 
     speaks: Sequence[Port]
-    """Those ends. What it sends there has `core.ids.own_voice` of the endpoint as its true sender."""
+    """Those ends. The true sender of what it sends there is `core.ids.own_voice` of the endpoint."""
 
 
 class Watcher(Agent, Protocol):
-    """An agent that is told where everything truly is, as what carries radio waves must be; no other may be one."""
+    """An agent that is shown the truth, as the owner of a radio medium must be; no other agent may be one."""
 
     look_ns: Time
-    """The kernel has it look at every multiple of this: whole ticks of the world."""
+    """The kernel shows it the world at every multiple of this, which is a whole number of the world's ticks."""
 
     def look(self, now: Time, world: World) -> None:
-        """See the world as it is after its tick at `now`; nothing of it may be kept but copies, or altered."""
+        """Read the world as it is after its tick at `now`; it may keep copies only, and alters nothing."""
         ...
 
 
 class Tap(Protocol):
-    """Stands on one side of one link, sees frames of both directions, judges each."""
+    """A component on one side of one link, which sees the frames of both directions and decides on each."""
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """At most one of Pass, Drop, Replace and Delay-with-Replace combined, plus any Injects; empty is Pass."""
         ...
 
     def next_wakeup(self) -> Time | None:
-        """When it wants to act without a frame."""
+        """When it is to act without a frame; `None` for never."""
         ...
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
@@ -82,7 +89,7 @@ class Tap(Protocol):
 
 @dataclass(slots=True)
 class Sensors:
-    """What the sensors of an engine's vehicles say at one tick: rows in the engine's own vehicle order.
+    """Sensor readings of an engine's vehicles at one tick: rows in the engine's own vehicle order.
 
     Frames: local is east-north-up from the origin; body is forward-left-up (REP 103). Arrays are
     read-only views, valid until the next tick.
@@ -93,7 +100,7 @@ class Sensors:
     accel_mps2: Floats
     """(n, 3) specific force in the body: (0, 0, +9.8) at rest and level."""
     attitude: Floats
-    """(n, 4) quaternion w, x, y, z, body to local, as it truly is: for engines that make sensors of their own of it."""
+    """(n, 4) true attitude as a quaternion w, x, y, z, body to local: for engines that derive sensors from it."""
     gnss_enu_m: Floats
     """(n, 3) position."""
     gnss_vel_enu_mps: Floats
@@ -105,7 +112,7 @@ class Sensors:
     compass_gauss: Floats
     """(n, 3) the Earth's magnetic field in the body."""
     gnss_accuracy: Floats
-    """(n, 3) what the receiver claims of itself: horizontal m, vertical m, speed m/s, one sigma each."""
+    """(n, 3) accuracy that the receiver claims: horizontal m, vertical m, speed m/s, one sigma each."""
     gnss_fix: Ints
     """(n,) MAVLink GPS_FIX_TYPE: 0 no receiver, 1 no fix, 3 3D, 6 RTK fixed."""
     gnss_satellites: Ints
@@ -121,7 +128,7 @@ class Sensors:
 
 
 class SensorAct(NamedTuple):
-    """One thing that a sensor fault did, to be labelled: to which vehicle's which sensor."""
+    """One act of a sensor fault, to be labelled: the vehicle and the sensor that it altered."""
 
     vehicle: str
     sensor: str
@@ -129,44 +136,44 @@ class SensorAct(NamedTuple):
 
 
 class SensorFault(Protocol):
-    """Alters what sensors say before their autopilot hears it. It belongs to an attack, which owns its state.
+    """Alters sensor readings before the autopilot gets them. It belongs to an attack, which owns its state.
 
-    Called once a tick, muted or not: while its attack does not act, on copies that are thrown away. Deep-copyable,
-    pure: what it does depends on what it was handed and on the time alone.
+    It is called once a tick, muted or not; while its attack does not act, on copies that are discarded. It is
+    deep-copyable and pure: what it does depends on what it was handed and on the time alone.
     """
 
     name: str
-    """Who acted, in the labels; unique among the faults of a run."""
+    """The actor in labels; unique among the sensor faults of a run."""
     vehicles: Sequence[str]
-    """Whose sensors it reaches: the rows of what it is handed, in this order."""
+    """The vehicles whose sensors it alters: the rows of what it is handed, in this order."""
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
-        """Write into `sensors`, writable copies of its vehicles' rows, as other faults have left them.
+        """Write into `sensors`, which are writable copies of its vehicles' rows, as other sensor faults left them.
 
-        A fix is new to an autopilot by its `gnss_time_ns`: to invent one, give it a time of its own. Returns the
-        acts to be labelled: one where an alteration begins or changes in kind, not one at every tick.
+        An autopilot takes a fix for a new one by its `gnss_time_ns`: an invented fix needs a time of its own. Returns
+        the acts to be labelled: one where an alteration begins or changes in kind, not one at every tick.
         """
         ...
 
 
 class Trigger(Protocol):
-    """A condition on truth that starts an attack. The kernel asks it at world ticks; of the attack's parts none does.
+    """A condition on truth that starts an attack. The kernel evaluates it at world ticks; the attack's parts never do.
 
-    Deep-copyable and pure: the answer depends on what it was handed alone.
+    It is deep-copyable and pure: the answer depends on what it was handed alone.
     """
 
     @property
     def vehicles(self) -> Sequence[str]:
-        """The vehicles that it speaks of."""
+        """The vehicles that the condition is about."""
         ...
 
     def holds(self, now: Time, truth: Mapping[str, NDArray[np.float64]], rows: Sequence[int]) -> bool:
-        """Whether it holds; `truth` are the world's columns, `rows` where its `vehicles` stand in them, in order."""
+        """Whether it holds; `truth` has the world's columns, `rows` the rows of its `vehicles` in them, in order."""
         ...
 
 
 class InstanceStatus(StrEnum):
-    """How one instance of an engine is."""
+    """Status of one instance of an engine."""
 
     BOOTING = "booting"
     READY = "ready"
@@ -182,19 +189,19 @@ class Source(StrEnum):
     KINEMATIC = "kinematic"
     """Its engine, which imposes its pose."""
     EXTERNAL = "external"
-    """As above, but what is imposed is what a vehicle outside the range reports of itself."""
+    """Its engine too, which imposes what a vehicle outside the range reports of itself."""
 
 
 @dataclass(slots=True)
 class Poses:
-    """Where an engine's own dynamics have brought its vehicles at one tick: rows in the engine's vehicle order.
+    """Poses of an engine's vehicles by its own dynamics at one tick: rows in the engine's vehicle order.
 
-    Frames as in `Sensors`. Every number of a fresh row is finite, and its quaternion of length 1 to a hundredth; the
-    other rows are not read.
+    Frames are those of `Sensors`. Every number of a fresh row is finite, and its quaternion has length 1 to a
+    hundredth; the other rows are not read.
     """
 
     fresh: NDArray[np.bool_]
-    """(n,) whether the row says something new; the vehicle goes on by its last pose where it does not."""
+    """(n,) whether the row is new; where it is not, the vehicle goes on from its last pose."""
     position_enu_m: Floats
     """(n, 3) of the bottom of the gear."""
     vel_enu_mps: Floats
@@ -207,31 +214,27 @@ class Poses:
 
 @dataclass(slots=True)
 class Finished:
-    """What an engine hands back for one tick."""
+    """Answer of an engine for one tick."""
 
     actuators: Floats
     """(n, motors) commands in 0…1, rows in the engine's vehicle order.
 
-    Of a vehicle that the engine moves itself: what its motors are told there, zeros where that is not known. They move
-    nothing, but turn its rotors, drain its battery and shake its sensors.
+    For a vehicle that the engine moves itself these are its motor commands there, or zeros where they are not known.
+    They do not move it, but turn its rotors, drain its battery and shake its sensors.
     """
     outbox: Outbox
     status: Sequence[InstanceStatus] | None = None
     """Per vehicle; `None` means all are ready."""
     poses: Poses | None = None
-    """Of the vehicles in `Engine.moves`; `None` means that nothing is new."""
+    """Poses of the vehicles in `Engine.moves`; `None` means that nothing is new."""
 
 
 class Engine(Protocol):
     """All aircraft of one autopilot kind, stepped together: first `begin` on all engines, then `finish`.
 
-    An engine that runs programs starts them at its first `begin`, has a method `close()` that ends them, called once
-    when the run ends however it does, and a mapping `manifest` that says in the record what they are. Before that
-    `leaves()` may name files of theirs that are worth keeping, by their names in the run's folder. A model
-    `options` (`agent.settings.Params`) of its factory says what a scenario may tell it, as keyword `options`.
-
-    One whose clock is `wall` is a `WallEngine`. Two more it may have: `source`, of the vehicles that it moves
-    (`Source.KINEMATIC` without), and `why(vehicle)`, in words, for the error that names one not ready or silent.
+    Derive from `EngineBase` to get the members from `source` to `close`, which most engines do not need. An engine
+    that runs programs starts them at its first `begin` and ends them in `close`. One whose clock is `wall` is a
+    `WallEngine`.
     """
 
     name: str
@@ -245,22 +248,85 @@ class Engine(Protocol):
     preroll_ns: Time
     """How long before time 0 it must be ticked to boot (0 for the builtin)."""
     moves: Sequence[str]
-    """Those of `vehicles` whose poses it imposes, by dynamics of its own; the world moves the others. One whose
-    instance dies is the world's from then on, and falls."""
+    """Those of `vehicles` whose poses it imposes, by dynamics of its own; the world moves the others. A vehicle whose
+    instance dies is moved by the world from then on, and falls."""
+
+    @property
+    def source(self) -> Source:
+        """What truth says moves the vehicles in `moves`: `Source.KINEMATIC`, or `Source.EXTERNAL`."""
+        ...
+
+    @property
+    def runs_programs(self) -> bool:
+        """Whether it runs programs or reaches for some: it then uses processes, sockets or files, and has no copy."""
+        ...
+
+    @property
+    def waits(self) -> bool:
+        """Of one whose clock is `wall`: whether `finish` waits for that clock; else whoever drives the kernel does."""
+        ...
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """What the run's manifest says of it beside its kind: of a program its version, path and so on."""
+        ...
+
+    def why(self, vehicle: str) -> str:
+        """Why a vehicle is not ready or silent, as part of an error message; "" where nothing is known."""
+        ...
+
+    def leaves(self) -> Mapping[str, Path]:
+        """Files worth keeping, by their names in the run's folder; asked for once, before `close` removes them."""
+        ...
+
+    def close(self) -> None:
+        """End what it started. Called once the run has ended, however it did; again does nothing."""
+        ...
 
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """Hand the tick's sensors and the mail that came since the last service to all instances."""
         ...
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Collect what they answer, waiting at most `wall_deadline_s` of wall time for a program."""
+        """Collect the answers, waiting at most `wall_deadline_s` of wall time for a program."""
         ...
 
 
-class WallEngine(Engine, Protocol):
-    """One whose programs run on the machine's clock: `finish` waits until their time has come to the tick.
+class EngineBase:
+    """Members of an engine that runs no programs and imposes poses of its own at most; override those that differ."""
 
-    One with an attribute `waits` that is False does not: whoever drives the kernel holds it to the pace.
+    source: Source = Source.KINEMATIC
+    runs_programs: bool = False
+    waits: bool = True
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """Nothing."""
+        return {}
+
+    def why(self, vehicle: str) -> str:
+        """Nothing is known."""
+        return ""
+
+    def leaves(self) -> Mapping[str, Path]:
+        """No files."""
+        return {}
+
+    def close(self) -> None:
+        """There is nothing to end."""
+
+
+ENGINE_MEMBERS = (
+    "begin", "clock", "close", "finish", "leaves", "manifest", "moves", "name", "ports", "preroll_ns", "repeatable",
+    "runs_programs", "service_ns", "source", "vehicles", "waits", "why",
+)  # fmt: skip
+"""The members of `Engine`, by which a missing one is named before a run starts."""
+
+
+class WallEngine(Engine, Protocol):
+    """An engine whose programs run on the machine's clock: `finish` waits until their time has come to the tick.
+
+    It does not wait where `waits` is False: then whoever drives the kernel holds it to the pace.
     """
 
     pace: float
@@ -274,7 +340,7 @@ class World(Protocol):
     vehicles: Sequence[str]
 
     def advance(self, now: Time) -> Sequence[Note]:
-        """Move all bodies from the last tick to `now` under the last actuators; say what happened."""
+        """Move all bodies from the last tick to `now` under the last actuators; returns notes of what happened."""
         ...
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
@@ -291,13 +357,13 @@ class World(Protocol):
         ...
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
-        """From now on these move some bodies; each goes on from where it is, with motors at rest."""
+        """Have `source` move some bodies from now on; each continues from where it is, with motors at rest."""
         ...
 
     def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
-        """Say where bodies are now that are not dynamic; the next tick takes them from there on.
+        """Set the poses of bodies that are not dynamic; the next tick continues from there.
 
-        Raises ValueError for a pose that no body can have, or of a body that is dynamic.
+        Raises `ValueError` for a pose that no body can have, and for a body that is dynamic.
         """
         ...
 
@@ -311,7 +377,7 @@ class World(Protocol):
 
 
 class Observer(Protocol):
-    """Sees everything, alters nothing. The kernel calls it in simulated-time order of completion."""
+    """A component that sees everything and alters nothing. It is told in simulated-time order of completion."""
 
     def on_frame(self, frame: Frame) -> None:
         """A frame reached its fate: delivered, lost, dropped, replaced, or still in flight at the end."""
@@ -329,8 +395,13 @@ class Observer(Protocol):
         """A hostile tap or agent acted."""
         ...
 
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        """A monitor raised an alert at its service time `now`."""
+        ...
+
     def on_truth(self, now: Time, world: World) -> None:
         """A tick has ended; called at every tick that `truth_period_ns` asks for, and at those that others ask for."""
         ...
 
     truth_period_ns: Time
+    """How often it wants truth; `NEVER` for not at all."""

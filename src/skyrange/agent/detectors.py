@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
+from skyrange.agent.monitors import Monitor
 from skyrange.agent.plugins import DETECTORS, Plugin
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ class DetectorContext:
 
     id: str
     """The detector's id, unique among the detectors of the scenario."""
-    links: Sequence[str]
-    """The names of the links that it listens to, in the range's order."""
     vehicles: Sequence[str]
     """Every vehicle id of the scenario (`blue/b1`), in order."""
     origin: Origin
@@ -30,7 +29,7 @@ class DetectorContext:
 
 
 @dataclass(frozen=True, slots=True)
-class DetectorPlugin(Plugin[DetectorContext, Any]):
-    """A kind of detector. `make` returns a monitor."""
+class DetectorPlugin(Plugin[DetectorContext, Monitor]):
+    """A kind of detector. `make` returns a new monitor at each call: one for each run, and each process of it."""
 
     group: ClassVar[str] = DETECTORS

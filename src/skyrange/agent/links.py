@@ -1,12 +1,16 @@
-"""How is a link declared? Its two ends, its channel, the taps on it, and the routes across endpoints."""
+"""Declarations of links, channels, taps, routes and attacks, as a kernel is wired with them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.agent.contracts import Agent, SensorFault, Tap, Trigger
+from skyrange.agent.payloads import Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
 MIN_LATENCY_NS = NS_PER_US
@@ -15,10 +19,10 @@ MIN_LATENCY_NS = NS_PER_US
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A fixed channel, the same both ways and independent of position.
+    """A fixed channel, the same in both directions and independent of position.
 
-    A `datagram` channel loses, duplicates and reorders; a `reliable` one is in order, and a loss
-    becomes a retransmission delay. Probabilities are per frame, in 0…1.
+    A `datagram` channel loses, duplicates and reorders; a `reliable` one keeps frames in order, and a loss becomes a
+    retransmission delay. Probabilities are per frame, in 0…1.
     """
 
     mode: Literal["reliable", "datagram"] = "datagram"
@@ -29,16 +33,16 @@ class Channel:
     loss: float = 0.0
     duplicate: float = 0.0
     reorder: float = 0.0
-    """Chance that a frame is held back by `reorder_ns` and overtaken."""
+    """Probability that a frame is held back by `reorder_ns`, so that later frames overtake it."""
     reorder_ns: Time = 20 * NS_PER_MS
     rate_bps: float = 0.0
     """Serialisation rate in bit/s; 0 is infinite."""
     queue_bytes: int = 65_536
-    """Bound of the queue before the rate limiter; a frame that does not fit overflows."""
+    """Size of the queue before the rate limiter; a frame that does not fit is lost by overflow."""
 
     @property
     def random(self) -> bool:
-        """Whether a frame's journey depends on chance at all."""
+        """Whether any of its effects on a frame is random."""
         return bool(self.jitter_ns or self.loss or self.duplicate or self.reorder)
 
 
@@ -58,12 +62,25 @@ class LinkSpec:
             )
 
 
+@runtime_checkable
+class RowFilter(Protocol):
+    """A selection of payloads that also decides on many at once."""
+
+    def __call__(self, payload: bytes) -> bool:
+        """Whether the payload is selected."""
+        ...
+
+    def rows(self, payloads: Payloads) -> NDArray[np.bool_]:
+        """(n,) the same for each of n payloads."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Route:
     """Pure forwarding: what arrives at `endpoint` from link `source` leaves on link `target`, unaltered.
 
-    The kernel forwards at the endpoint's next service time (`service_ns`) and may fuse hops; each is
-    still recorded. `select`, a module-level function of the payload, forwards a part only.
+    The kernel forwards at the endpoint's next service time (`service_ns`) and may fuse hops; each is still recorded.
+    With `select`, a module-level function of the payload or a `RowFilter`, only selected frames are forwarded.
     """
 
     endpoint: str
@@ -77,9 +94,9 @@ class Route:
 class TapPlacement:
     """Taps on the `side` end (an endpoint's role such as "gcs" or "companion") of every link that matches.
 
-    `match` is a link name or a pattern with `*`; `make` is called with each link's name. Later
-    placements on the same side stand nearer to the channel. A tap with an `attack` is hostile:
-    labelled, and silenced while that attack is muted or stopped.
+    `match` is a link name or a pattern with `*`; `make` is called with each link's name. Later placements on the same
+    side are nearer to the channel. A tap with an `attack` is hostile: its acts are labelled, and have no effect while
+    that attack is muted or does not act.
     """
 
     match: str
@@ -90,10 +107,10 @@ class TapPlacement:
 
 @dataclass(slots=True)
 class Schedule:
-    """From when until when an attack acts, as the attack's own agents, taps and faults may read it during the run.
+    """When an attack acts, as the attack's own agents, taps and sensor faults may read it during the run.
 
-    Only the kernel writes here: `start_ns` is `NEVER` until a trigger has fired. Whether the attack is muted it does
-    not say.
+    Only the kernel writes here: `start_ns` is `NEVER` until a trigger has fired. It does not tell whether the attack
+    is muted.
     """
 
     start_ns: Time = NEVER
@@ -102,12 +119,12 @@ class Schedule:
 
 @dataclass(frozen=True, slots=True)
 class AttackPlan:
-    """When an attack's hostile output counts, and the agents and sensor faults it owns.
+    """When the hostile output of an attack takes effect, and the agents and sensor faults that it owns.
 
     It acts from `start_ns` until `stop_ns`, and no longer than `lasts_ns`. With a `trigger` it starts at the first
-    world tick from `start_ns` on at which that holds, and once only. Muted, its agents, taps and faults are all there
-    and run, but every verdict becomes Pass, everything they send is discarded, and faults work on copies: that is the
-    nominal twin.
+    world tick from `start_ns` on at which the trigger holds, and once only. Muted, its agents, taps and sensor faults
+    all run, but every verdict becomes Pass, everything they send is discarded, and sensor faults alter copies: that is
+    the nominal twin.
     """
 
     id: str
@@ -119,4 +136,4 @@ class AttackPlan:
     trigger: Trigger | None = None
     lasts_ns: Time = NEVER
     schedule: Schedule | None = None
-    """Where the kernel tells the attack's own parts when it acts; `None` where none of them asks."""
+    """Where the kernel tells the attack's own parts when it acts; `None` where none of them reads it."""

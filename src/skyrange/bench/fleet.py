@@ -6,13 +6,16 @@ import math
 import tempfile
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.bench.apart import apart
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.bench.yardstick import yardstick_us
 from skyrange.core.time import to_seconds
+from skyrange.detect.heartbeat_gap import HeartbeatGapParams, make_heartbeat_gap
 from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
@@ -40,6 +43,7 @@ APART_M = 40.0
 PER_OPERATOR = 1000
 WALL_M = 10.0
 """Between a lap and the block that it goes round, with Remote ID."""
+_DETECTOR = MonitorPlacement("gap", partial(make_heartbeat_gap, HeartbeatGapParams()), ["gcs:*"], "gcs")
 HORIZON_M = 400.0
 """Of the radio medium, what opendroneid.org gives Wi-Fi at best; some thirty aircraft are nearer than that."""
 
@@ -104,8 +108,12 @@ def _downtown(columns: int, side_m: float) -> City:
     return City(grid=Grid(blocks=(columns, columns), street_m=side_m + APART_M - block_m, block_m=block_m))
 
 
-def measure(vehicles: int, seconds: float, load: str = "light", remote_id: bool = False) -> dict[str, Any]:
+def measure(
+    vehicles: int, seconds: float, load: str = "light", remote_id: bool = False, detector: bool = False
+) -> dict[str, Any]:
     """One row: fly `vehicles` for `seconds` simulated seconds in a process of its own.
+
+    With `detector` a heartbeat gap detector listens at the ground stations' ends of all `gcs` links.
 
     `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` the process's
     CPU time for that (user and system); `yardstick_us` what `yardstick` takes right after, and `yardsticks` what an
@@ -115,14 +123,15 @@ def measure(vehicles: int, seconds: float, load: str = "light", remote_id: bool 
     simulated second over all hops, `receptions_per_s` broadcasts that were decoded; `disk_mb` the finished run folder;
     `share` the share of CPU time per part.
     """
-    return apart(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id)
+    return apart(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id, detector)
 
 
-def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool) -> dict[str, Any]:
+def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool, detector: bool) -> dict[str, Any]:
     base_mb = peak_memory_mb()
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        run = Run.start(fleet_scenario(vehicles, seconds, telemetry, remote_id), Path(folder) / "run")
+        scenario = fleet_scenario(vehicles, seconds, telemetry, remote_id)
+        run = Run.start(scenario, Path(folder) / "run", monitors=[_DETECTOR] if detector else ())
         run.advance(WARM_UP_S)
         setup_s = time.perf_counter() - began
         with Sampler() as sampler:
@@ -141,6 +150,7 @@ def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool) -> di
             "seconds": seconds,
             "load": telemetry,
             "remote_id": remote_id,
+            "detector": detector,
             "real_time_factor": round(seconds / wall_s, 3),
             "cpu_s": round(cpu_s, 3),
             "yardstick_us": round(yard_us, 2),

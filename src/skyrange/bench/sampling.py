@@ -13,7 +13,7 @@ from types import FrameType, TracebackType
 
 INTERVAL_S = 0.005
 
-PARTS = ("physics", "control", "MAVLink", "ground stations", "air", "kernel", "recording", "other")
+PARTS = ("physics", "control", "MAVLink", "ground stations", "air", "kernel", "recording", "detectors", "other")
 
 _PACKAGES = {
     "world": "physics",
@@ -24,6 +24,7 @@ _PACKAGES = {
     "utm": "ground stations",
     "radio": "air",
     "remoteid": "air",
+    "detect": "detectors",
     "kernel": "kernel",
     "agent": "kernel",
     "core": "kernel",

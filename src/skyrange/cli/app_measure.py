@@ -70,10 +70,13 @@ def fleet(
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 30.0,
     load: Telemetry = Load.LIGHT,
     remote_id: OnAir = False,
+    detector: Annotated[
+        bool, typer.Option("--detector", help="Have a heartbeat gap detector listen to all gcs links.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, share per part."""
-    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, as_json)
+    commands.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, detector, as_json)
 
 
 @bench_app.command("ardupilot", epilog="Example: skyrange bench ardupilot --vehicles 5 --rates reduced --json")

@@ -400,7 +400,9 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
             print(f"what flies is another, {where}: ArduCopter {first.version}, {first.path}", file=sys.stderr)
 
 
-def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, remote_id: bool, as_json: bool) -> None:
+def bench_fleet(
+    vehicles: Sequence[int], seconds: float, load: str, remote_id: bool, detector: bool, as_json: bool
+) -> None:
     """`skyrange bench fleet`."""
     from skyrange.bench.fleet import PARTS, measure
 
@@ -408,7 +410,7 @@ def bench_fleet(vehicles: Sequence[int], seconds: float, load: str, remote_id: b
     if not as_json:
         print(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
     for count in vehicles:
-        row = measure(count, seconds, load, remote_id)
+        row = measure(count, seconds, load, remote_id, detector)
         rows.append(row)
         if not as_json:
             shares = " · ".join(f"{part} {row['share'][part]:.0%}" for part in PARTS)

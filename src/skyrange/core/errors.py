@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from skyrange.core.time import Time, to_seconds
+
 
 class SkyrangeError(Exception):
     """Base of every error this library raises on purpose."""
@@ -88,6 +90,13 @@ class DecodeError(SkyrangeError):
     """Bytes that are not what they should be; the only error a decoder raises."""
 
     exit_code = 3
+
+
+def attribute_error(who: str, now: Time, error: Exception) -> Exception:
+    """`error` as the failure of the component `who` at `now`; a `SkyrangeError` says already who is at fault."""
+    if isinstance(error, SkyrangeError):
+        return error
+    return ComponentError(who, f"raised {error!r} at {to_seconds(now):.6f} s")
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

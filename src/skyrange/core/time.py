@@ -32,6 +32,7 @@ class Phase(IntEnum):
     MEDIUM = 2
     DELIVERY = 3
     WAKEUP = 4
+    MONITOR = 5
 
 
 def from_seconds(seconds: float) -> Time:

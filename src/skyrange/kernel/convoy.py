@@ -19,6 +19,7 @@ from skyrange.core.time import NEVER, Time
 from skyrange.kernel.events import DELIVERY, GO_ON, LAND, WAKEUP, Event, wake_box, wake_forwarder
 from skyrange.kernel.express import Express, Landing, Onward
 from skyrange.kernel.lane import Forwarder, Lane
+from skyrange.kernel.monitors import Monitors
 
 
 def _came(frame: Frame) -> tuple[Time, str, int]:
@@ -38,11 +39,13 @@ class Convoy:
         self._lanes = lanes
         self._forwarders = forwarders
         self._express = Express([], {})
+        self._monitors: Monitors | None = None
         self._events = 0
 
-    def open(self, ports: dict[Port, int], fuse: bool) -> None:
+    def open(self, ports: dict[Port, int], fuse: bool, monitors: Monitors) -> None:
         """Work out which lanes blocks may take; `ports` is the place of every owned port among its owner's."""
         self._express = Express(self._lanes if fuse else [], ports)
+        self._monitors = monitors if monitors.slots else None
 
     def ways(self, lanes: Ints, parents: Parents | None) -> tuple[Ints, Ints | None]:
         """(n,) the express of each row, -1 for a row that travels singly; and the lane number of each parent."""
@@ -105,6 +108,8 @@ class Convoy:
 
     def _await(self, landings: Sequence[Landing]) -> None:
         for landing in landings:
+            if self._monitors is not None:
+                self._monitors.take_blocks(landing.hops)
             self._events += 1  # only so that no two events are alike: the order of landings shows nowhere
             heappush(self._heap, ((landing.arrival << 3) | DELIVERY, "", "", self._events, LAND, landing))
 

@@ -11,6 +11,7 @@ from skyrange.kernel.lane import Forwarder, Mailbox
 
 DELIVERY = int(Phase.DELIVERY)
 WAKEUP = int(Phase.WAKEUP)
+MONITOR = int(Phase.MONITOR)
 
 
 class Code(IntEnum):
@@ -24,10 +25,11 @@ class Code(IntEnum):
     STEP = 5  # an agent is stepped
     LAND = 6  # blocks come out of the last channel of their express
     GO_ON = 7  # an endpoint's route sends on blocks that have come
+    SERVE = 8  # a monitor is handed what it has seen
 
 
 # Plain ints: enum look-ups cost more than the events they name.
-ARRIVE, RESUME, CLOSE, FORWARD, TAP, STEP, LAND, GO_ON = (int(code) for code in Code)
+ARRIVE, RESUME, CLOSE, FORWARD, TAP, STEP, LAND, GO_ON, SERVE = (int(code) for code in Code)
 
 Event = tuple[int, str, str, int, int, Any]
 """(time << 3 | phase, lane or group, sender or owner, that sender's serial, code, what the code needs)."""
@@ -53,16 +55,16 @@ def wake_forwarder(heap: list[Event], due: Time, forwarder: Forwarder) -> None:
 def held_up(heap: list[Event], until: Time) -> None:
     """Have all that was due before `until` happen then, in its order: an agent that was due several times steps once.
 
-    For a kernel without fused routes.
+    So is a monitor served once. For a kernel without fused routes.
     """
     kept = []
     for key, lane, sender, serial, code, data in heap:
         at = key >> 3
         if at < until:
-            if code in (STEP, TAP, FORWARD):
+            if code in (STEP, TAP, FORWARD, SERVE):
                 if data.due != at:
                     continue  # it has happened, or was put off
-                at = data.due = ceil_to(until, data.service_ns) if code == STEP else until
+                at = data.due = ceil_to(until, data.service_ns) if code in (STEP, SERVE) else until
             key = (max(at, until) << 3) | (key & 7)
         kept.append((key, lane, sender, serial, code, data))
     heap[:] = kept

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from skyrange.agent.blocks import FrameBlock, LaneName, Lanes
 from skyrange.agent.frames import Fate
+from skyrange.agent.links import RowFilter
 from skyrange.agent.messages import Parents
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.core.compiled import kernel
@@ -213,10 +214,8 @@ def _follow(
 
 
 def _selected(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
-    rows = getattr(select, "rows", None)
-    if rows is not None:
-        chosen: NDArray[np.bool_] = rows(payloads)
-        return chosen
+    if isinstance(select, RowFilter):
+        return select.rows(payloads)
     return np.fromiter(map(select, payloads), np.bool_, len(payloads))
 
 

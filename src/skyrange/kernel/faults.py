@@ -14,12 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.agent.contracts import SensorAct, SensorFault, Sensors, World
-from skyrange.agent.verdicts import Label
-from skyrange.core.errors import ComponentError, Fault, InputError, nearest
+from skyrange.core.errors import ComponentError, Fault, InputError, attribute_error, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.kernel.stages import Stage
-from skyrange.kernel.traffic import acts, blamed
+from skyrange.kernel.stages import Stage, takes_effect
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
 Rows = slice | NDArray[np.int64]
@@ -47,22 +45,22 @@ class FaultBench:
         self._acts: dict[tuple[str, str], int] = {}
         self._now: Sensors | None = None
 
-    def work(self, now: Time, world: World) -> list[Label]:
-        """Let every fault at this tick's sensors; returns the labels of what counts."""
+    def work(self, now: Time, world: World) -> list[tuple[Stage, SensorFault, FrameId]]:
+        """Apply every fault to this tick's sensors; returns each act that counts, with its own id."""
         table = _copy(world.sensors(self._rows))
-        labels = []
+        found = []
         for attack, fault, places in self._owned:
             rows = Sensors(*(getattr(table, name)[places] for name in _ARRAYS))
             try:
                 done = list(fault.on_sensors(now, rows))
             except Exception as error:
-                raise blamed(f"sensor fault {fault.name}", now, error) from error
-            if acts(attack, now):
+                raise attribute_error(f"sensor fault {fault.name}", now, error) from error
+            if takes_effect(attack, now):
                 for name in _ARRAYS:
                     getattr(table, name)[places] = getattr(rows, name)
-                labels += [self._label(now, attack, fault, act) for act in done]
+                found += [(attack, fault, self._number(fault, act)) for act in done]
         self._now = table
-        return labels
+        return found
 
     def reaching(self, rows: Rows, sensors: Sensors) -> Sensors:
         """An engine's sensors with what the faults have made of them."""
@@ -78,13 +76,13 @@ class FaultBench:
             array.flags.writeable = False
         return sensors
 
-    def _label(self, now: Time, attack: Stage, fault: SensorFault, act: SensorAct) -> Label:
+    def _number(self, fault: SensorFault, act: SensorAct) -> FrameId:
         if act.vehicle not in fault.vehicles:
             raise ComponentError(f"sensor fault {fault.name}", f"reports an act on {act.vehicle}, which is not its own")
         link = f"{act.sensor}:{act.vehicle}"
         serial = self._acts.get((fault.name, link), 0)
         self._acts[fault.name, link] = serial + 1
-        return Label(now, attack.id, fault.name, "sensor", FrameId(link, "fwd", fault.name, serial))
+        return FrameId(link, "fwd", fault.name, serial)
 
 
 def _copy(sensors: Sensors) -> Sensors:

@@ -18,47 +18,47 @@ from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, Engine, InstanceStatus, Observer, Poses, Source, Watcher, World
+from skyrange.agent.contracts import Agent, Engine, InstanceStatus, Observer, Poses, Source, Speaker, Watcher, World
 from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
-from skyrange.agent.payloads import Ints
-from skyrange.agent.verdicts import Label
 from skyrange.core.chance import Chance
-from skyrange.core.errors import ComponentError
+from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, own_voice
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
 from skyrange.kernel.events import STEP, WAKEUP, held_up
 from skyrange.kernel.faults import FaultBench
-from skyrange.kernel.lane import Lane, Mailbox, Transit
+from skyrange.kernel.lane import Mailbox, Transit
+from skyrange.kernel.monitors import Monitors
+from skyrange.kernel.observers import ObserverList
 from skyrange.kernel.stages import Stage, Stages
-from skyrange.kernel.traffic import Traffic, acts, blamed
+from skyrange.kernel.traffic import Sender, Traffic
 from skyrange.kernel.wiring import EngineMount, Wiring, attach_routes, check, lanes_of, place_taps, sending_lanes
 
 
 class _Seat:
-    """An agent in the kernel: its mail, and when it is next stepped."""
+    """An agent in the kernel: its mail, and how the network knows it."""
 
-    __slots__ = ("agent", "attack", "box")
+    __slots__ = ("agent", "box", "sender")
 
     def __init__(self, agent: Agent, attack: Stage | None) -> None:
         self.agent = agent
-        self.attack = attack
+        self.sender = Sender(agent.name, agent.ports, attack)
         self.box = Mailbox(agent.name, agent.service_ns, polled=False)
 
 
 class _Berth:
-    """An engine in the kernel: its mail, and how its instances were when last seen."""
+    """An engine in the kernel: its mail, how the network knows it, and its instances' status when last seen."""
 
-    __slots__ = ("box", "engine", "moved", "rows", "status")
+    __slots__ = ("box", "engine", "moved", "rows", "sender", "status")
 
     def __init__(self, mount: EngineMount, world: World) -> None:
         self.engine = mount.engine
+        self.sender = Sender(mount.engine.name, mount.engine.ports, None)
         self.rows = mount.rows
         rows = dict(zip(mount.engine.vehicles, np.arange(len(world.vehicles))[mount.rows].tolist(), strict=True))
         self.moved = {vehicle: rows[vehicle] for vehicle in mount.engine.moves}
         """Rows of the world whose bodies the engine moves."""
         if self.moved:
-            source = getattr(mount.engine, "source", Source.KINEMATIC)
-            world.set_source(np.array(list(self.moved.values())), source)
+            world.set_source(np.array(list(self.moved.values())), mount.engine.source)
         self.box = Mailbox(mount.engine.name, mount.engine.service_ns, polled=True)
         self.status = [InstanceStatus.READY if mount.engine.preroll_ns == 0 else InstanceStatus.BOOTING] * len(
             mount.engine.vehicles
@@ -79,8 +79,10 @@ class Kernel:
         self._seats = {seat.agent.name: seat for seat in seats}
         berths = [_Berth(mount, wiring.world) for mount in wiring.engines if wiring.world is not None]
         self._berths = sorted(berths, key=lambda berth: berth.engine.name)
-        self._ports = sending_lanes(lanes)
-        self._traffic = Traffic(lanes, observers)
+        speakers = [seat.agent for seat in seats if isinstance(seat.agent, Speaker)]
+        originators = {port: own_voice(port.endpoint) for agent in speakers for port in agent.speaks}
+        self._observers = ObserverList(observers)
+        self._traffic = Traffic(lanes, self._observers, sending_lanes(lanes), originators)
         self._world = wiring.world
         self._watchers = sorted(watcher.name for watcher in wiring.watchers)
         self._faults = FaultBench(self._stages.each, wiring.world)
@@ -89,8 +91,7 @@ class Kernel:
         self._ended = False
         owners = [(port, seat.box) for seat in seats for port in seat.agent.ports]
         owners += [(port, berth.box) for berth in self._berths for port in berth.engine.ports]
-        self._voices = {port: own_voice(port.endpoint) for seat in seats for port in getattr(seat.agent, "speaks", ())}
-        attach_routes(wiring, lanes, {port for port, _ in owners}, self._voices)
+        attach_routes(wiring, lanes, {port for port, _ in owners}, originators)
         incoming = {Port(lane.dst, lane.link): lane for lane in lanes.values()}
         for port, box in owners:
             if port not in incoming:
@@ -100,8 +101,10 @@ class Kernel:
                 raise ComponentError(box.name, f"owns the port {port.endpoint} on {port.link}, as {taken.name} does")
             incoming[port].receiver = box
         sides = [seat.agent.ports for seat in seats] + [berth.engine.ports for berth in self._berths]
-        self._traffic.open_express({port: place for side in sides for place, port in enumerate(side)}, wiring.fuse)
-        self._lane_numbers: dict[str, Ints] = {}
+        monitors = Monitors(wiring.monitors, wiring.links, lanes, self._traffic.heap, self._observers)
+        self._traffic.open_express(
+            {port: place for side in sides for place, port in enumerate(side)}, wiring.fuse, monitors
+        )
         quantum = self._world.quantum_ns if self._world is not None else 0
         preroll = max((berth.engine.preroll_ns for berth in self._berths), default=0)
         start = -ceil_to(preroll, quantum)
@@ -118,11 +121,11 @@ class Kernel:
     @property
     def observers(self) -> Sequence[Observer]:
         """Whom the kernel tells everything."""
-        return self._traffic.observers
+        return self._observers.members
 
     def observe(self, observers: Sequence[Observer]) -> None:
         """From now on tell `observers`, and nobody else."""
-        self._traffic.observers = list(observers)
+        self._observers.members = list(observers)
 
     # ---------------------------------------------------------------- the loop
 
@@ -210,7 +213,7 @@ class Kernel:
         """Files of the engines' programs that are worth keeping, by name; `finish` takes them away."""
         found: dict[str, Path] = {}
         for berth in self._berths:
-            found |= getattr(berth.engine, "leaves", dict)()
+            found |= berth.engine.leaves()
         return found
 
     def finish(self) -> None:
@@ -218,18 +221,16 @@ class Kernel:
         if not self._ended:
             self._ended = True
             for berth in self._berths:
-                close = getattr(berth.engine, "close", None)
-                if close is not None:
-                    close()
+                berth.engine.close()
             self._traffic.strand_all(self.now)
 
     def fork(self, observers: Sequence[Observer]) -> Kernel:
         """A second kernel in the same state, which tells `observers`; both continue identically."""
-        mine, self._traffic.observers = self._traffic.observers, []
+        mine, self._observers.members = self._observers.members, []
         try:
             twin = deepcopy(self)
         finally:
-            self._traffic.observers = mine
+            self._observers.members = mine
         twin.observe(observers)
         return twin
 
@@ -239,18 +240,18 @@ class Kernel:
         world = self._world
         assert world is not None
         for note in world.advance(now):
-            self._note(now, "world", note)
+            self._observers.report_note(now, "world", note)
         for name in self._watchers:
             watcher = cast("Watcher", self._seats[name].agent)
             if now % watcher.look_ns == 0:
                 watcher.look(now, world)
         if self._stages.present:
             for note in self._stages.tick(now, world):
-                self._note(now, "kernel", note)
+                self._observers.report_note(now, "kernel", note)
         faults = self._faults
         if faults.present:
-            for label in faults.work(now, world):
-                self._traffic.label(label)
+            for attack, fault, act in faults.work(now, world):
+                self._observers.label_sensor_act(now, attack, fault.name, act)
         for berth in self._berths:
             box = berth.box
             inbox = box.collect() if box.full and now % box.service_ns == 0 else EMPTY_INBOX
@@ -260,23 +261,22 @@ class Kernel:
             try:
                 berth.engine.begin(now, sensors, inbox)
             except Exception as error:
-                raise blamed(f"engine {berth.engine.name}", now, error) from error
+                raise attribute_error(f"engine {berth.engine.name}", now, error) from error
         for berth in self._berths:
             try:
                 finished = berth.engine.finish(now, self._wall_deadline_s)
             except Exception as error:
-                raise blamed(f"engine {berth.engine.name}", now, error) from error
+                raise attribute_error(f"engine {berth.engine.name}", now, error) from error
             world.actuate(berth.rows, finished.actuators)
             if finished.poses is not None:
                 self._impose(now, berth, finished.poses)
             outbox = finished.outbox
             if outbox.departures or outbox.notes or outbox.blocks:
-                self._dispatch(now, berth.engine.name, outbox, berth.engine.ports, None)
+                self._dispatch(now, berth.sender, outbox)
             if finished.status is not None:
                 self._check_status(now, berth, finished.status)
         if now >= self._next_truth:
-            for observer in self._traffic.observers:
-                observer.on_truth(now, world)
+            self._observers.report_truth(now, world)
             self._next_truth = self._truth_after(now)
 
     def _impose(self, now: Time, berth: _Berth, poses: Poses) -> None:
@@ -292,7 +292,7 @@ class Kernel:
 
     def _truth_after(self, now: Time) -> Time:
         """When an observer next wants truth: a grid that meets all their periods, so that none alters another's."""
-        periods = [observer.truth_period_ns for observer in self._traffic.observers]
+        periods = [observer.truth_period_ns for observer in self._observers.members]
         wanted = [period for period in periods if period != NEVER]
         if not wanted:
             return NEVER
@@ -306,7 +306,9 @@ class Kernel:
         for index, (vehicle, was, is_now) in enumerate(zip(berth.engine.vehicles, berth.status, status, strict=True)):
             if is_now != was:
                 berth.status[index] = is_now
-                self._note(now, berth.engine.name, Note(f"event.engine_{is_now}", vehicle, {"was": str(was)}))
+                self._observers.report_note(
+                    now, berth.engine.name, Note(f"event.engine_{is_now}", vehicle, {"was": str(was)})
+                )
                 if is_now in (InstanceStatus.SILENT, InstanceStatus.DEAD):
                     gone.append(f"{vehicle} ({is_now}{_why(berth.engine, vehicle)})")
                 if is_now is InstanceStatus.DEAD and vehicle in berth.moved:  # nothing holds it up any more
@@ -336,8 +338,8 @@ class Kernel:
         try:
             outbox = seat.agent.step(now, box.collect())
         except Exception as error:
-            raise blamed(f"agent {box.name}", now, error) from error
-        self._dispatch(now, box.name, outbox, seat.agent.ports, seat.attack)
+            raise attribute_error(f"agent {box.name}", now, error) from error
+        self._dispatch(now, seat.sender, outbox)
         self._schedule_seat(seat, now)
 
     def _schedule_seat(self, seat: _Seat, now: Time) -> None:
@@ -350,39 +352,13 @@ class Kernel:
             seat.box.due = due
             heappush(self._traffic.heap, ((due << 3) | WAKEUP, "agent", seat.box.name, 0, STEP, seat.box))
 
-    def _dispatch(self, now: Time, name: str, outbox: Outbox, own: Sequence[Port], attack: Stage | None) -> None:
+    def _dispatch(self, now: Time, sender: Sender, outbox: Outbox) -> None:
         for note in outbox.notes:
-            self._note(now, name, note)
-        if not acts(attack, now):
-            return
-        traffic = self._traffic
-        singly = outbox.departures if attack is None else outbox.each(own)  # hostile frames are labelled one by one
-        for port, payload, causes in singly:
-            lane = self._lane(name, port)
-            frame = lane.frame(self._voices.get(port, lane.src), now, payload, lane.src, lane.dst, None, causes)
-            if attack is not None:
-                traffic.label(Label(now, attack.id, name, "send", frame.id))
-            traffic.transmit(now, lane, frame, 0)
-        if outbox.blocks and attack is None:
-            numbers = self._lane_numbers.get(name)
-            if numbers is None:
-                numbers = np.array([self._lane(name, port).number for port in own], dtype=np.int64)
-                self._lane_numbers[name] = numbers
-            for places, payloads, parents in outbox.blocks:
-                traffic.transmit_block(now, numbers[places], payloads, parents)
-
-    def _lane(self, name: str, port: Port) -> Lane:
-        lane = self._ports.get(port)
-        if lane is None:
-            raise ComponentError(f"agent {name}", f"sent from {port.endpoint} on {port.link}, which is no link's end")
-        return lane
-
-    def _note(self, now: Time, source: str, note: Note) -> None:
-        for observer in self._traffic.observers:
-            observer.on_note(now, source, note)
+            self._observers.report_note(now, sender.name, note)
+        self._traffic.send(now, sender, outbox)
 
 
 def _why(engine: Engine, vehicle: str) -> str:
     """What the engine says is wrong, to stand behind a vehicle's name; "" where it says nothing."""
-    told = engine.why(vehicle) if hasattr(engine, "why") else ""
+    told = engine.why(vehicle)
     return f": {told}" if told else ""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -16,9 +17,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
 from skyrange.kernel.channel import NO_CHANCE, ChannelState, Uniforms
-
-if TYPE_CHECKING:
-    from skyrange.kernel.stages import Stage
+from skyrange.kernel.stages import Stage
 
 
 class TapSlot:
@@ -35,6 +34,14 @@ class TapSlot:
         """Per direction: the lane, the stage *after* this tap, and whether that is on the sending side."""
 
 
+class FrameMonitor(Protocol):
+    """What a link shows frames to at one of its ends."""
+
+    def take_frame(self, at: Time, lane: int, frame: Frame, received: bool) -> None:
+        """Keep a frame that is sent from that end at `at`, or arrives there then; `at` may be still to come."""
+        ...
+
+
 class Lane:
     """One direction of one link instance."""
 
@@ -43,6 +50,7 @@ class Lane:
         "_chance",
         "_drawn",
         "_serials",
+        "arrival_monitors",
         "channel",
         "counters",
         "direction",
@@ -57,6 +65,7 @@ class Lane:
         "out_taps",
         "port",
         "receiver",
+        "send_monitors",
         "src",
         "staged",
     )
@@ -78,6 +87,10 @@ class Lane:
         self.staged: list[Forward] | None = None
         """The same routes where they may be followed when what they forward has arrived; `None` where they may not."""
         self.receiver: Mailbox | None = None
+        self.send_monitors: Sequence[FrameMonitor] = ()
+        """Monitors that listen at its sending end."""
+        self.arrival_monitors: Sequence[FrameMonitor] = ()
+        """Monitors that listen at its receiving end."""
         self.local = True
         self.number = 0
         """Its place among the kernel's lanes, in order of their names."""

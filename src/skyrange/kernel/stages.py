@@ -11,9 +11,8 @@ from collections.abc import Mapping, Sequence
 from skyrange.agent.contracts import Trigger, World
 from skyrange.agent.links import AttackPlan
 from skyrange.agent.messages import Note, Scalar
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import Fault, InputError, attribute_error, nearest
 from skyrange.core.time import NEVER, NS_PER_MS, Time, to_seconds
-from skyrange.kernel.traffic import blamed
 
 LOOK_NS = 10 * NS_PER_MS
 """Triggers are asked this often: at 30 m/s an aircraft flies 0.3 m in between."""
@@ -65,6 +64,11 @@ class Stage:
     def _note(self, kind: str, at: Time) -> Note:
         data: dict[str, Scalar] = {"at_s": to_seconds(at), "triggered": self.plan.trigger is not None}
         return Note(kind, self.id, data)
+
+
+def takes_effect(attack: Stage | None, now: Time) -> bool:
+    """Whether what a tap, agent or sensor fault of `attack` puts out counts at `now`: always without an attack."""
+    return attack is None or (not attack.muted and attack.start_ns <= now < attack.stop_ns)
 
 
 class Stages:
@@ -124,7 +128,7 @@ class Stages:
         try:
             return bool(trigger.holds(now, truth, self._rows[id_]))  # type: ignore[arg-type]
         except Exception as error:
-            raise blamed(f"trigger of attack {id_}", now, error) from error
+            raise attribute_error(f"trigger of attack {id_}", now, error) from error
 
 
 def _check(plans: Sequence[AttackPlan], vehicles: Sequence[str], world: World | None) -> None:

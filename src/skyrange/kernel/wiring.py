@@ -14,8 +14,9 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Agent, Engine, Watcher, World
+from skyrange.agent.contracts import ENGINE_MEMBERS, Agent, Engine, Watcher, World
 from skyrange.agent.links import AttackPlan, LinkSpec, Route, TapPlacement
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Fault, InputError, nearest
 from skyrange.core.ids import ID_PATTERN, Port
@@ -49,6 +50,8 @@ class Wiring:
     engines: Sequence[EngineMount] = ()
     watchers: Sequence[Watcher] = ()
     """Agents too, which also see the world."""
+    monitors: Sequence[MonitorPlacement] = ()
+    """Detectors: they see frames at some ends of links, and alter nothing."""
     local: Container[str] | None = None
     """The endpoints that live in this kernel; `None` for all. Frames for others leave as `Transit`s."""
     fuse: bool = True
@@ -197,6 +200,14 @@ def check(wiring: Wiring) -> None:
         )
         if value not in allowed
     ]
+    incomplete = [
+        Fault(type(mount.engine).__name__, f"no {member}", "every member of Engine", "EngineBase has most of them.")
+        for mount in wiring.engines
+        for member in ENGINE_MEMBERS
+        if not hasattr(mount.engine, member)
+    ]
+    if incomplete:
+        raise InputError("wiring", incomplete)
     names = [agent.name for agent in (*wiring.agents, *wiring.watchers)]
     names += [mount.engine.name for mount in wiring.engines]
     names += [agent.name for plan in wiring.attacks for agent in plan.agents]
@@ -207,6 +218,16 @@ def check(wiring: Wiring) -> None:
         Fault("attacks", repr(id_), f"letters, digits, '-' or '_', at most 32, and not {_NO_ATTACK!r}")
         for id_ in ids
         if id_ == _NO_ATTACK or not ID_PATTERN.match(id_)
+    ]
+    detectors = [placement.id for placement in wiring.monitors]
+    faults += [
+        Fault("monitors", id_, "ids that differ")
+        for id_ in sorted({id_ for id_ in detectors if detectors.count(id_) > 1})
+    ]
+    faults += [
+        Fault("monitors", repr(id_), "letters, digits, '-' or '_', at most 32")
+        for id_ in detectors
+        if not ID_PATTERN.match(id_)
     ]
     if wiring.engines and wiring.world is None:
         faults.append(Fault("engines", "no world", "a world for them to fly in"))

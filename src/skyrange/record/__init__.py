@@ -1,4 +1,4 @@
-"""Write a run down while it flies, and read it back: the run folder, its digests and its tables."""
+"""The record of a run: its folder, digests and tables, written while it runs and read back."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ if TYPE_CHECKING:
     from skyrange.record.digests import Digests
     from skyrange.record.memory import MemoryObserver
     from skyrange.record.recorder import Recorder
+    from skyrange.record.replay import replay_monitor
     from skyrange.record.run import RecordedFrame, RunRecord, load
 
-__all__ = ["Digests", "MemoryObserver", "RecordedFrame", "Recorder", "RunRecord", "load"]
+__all__ = ["Digests", "MemoryObserver", "RecordedFrame", "Recorder", "RunRecord", "load", "replay_monitor"]
 
 _HOMES = {
     "Digests": "digests",
@@ -19,6 +20,7 @@ _HOMES = {
     "Recorder": "recorder",
     "RunRecord": "run",
     "load": "run",
+    "replay_monitor": "replay",
 }
 
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.time import Epoch
-from skyrange.record.schema import TABLES
+from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import cannot_write
 from skyrange.record.stationfiles import StationFiles
 from skyrange.record.stations import seen, survey
@@ -44,7 +44,7 @@ def finalise(folder: Path, manifest: Mapping[str, Any]) -> dict[str, int]:
         shutil.rmtree(final, ignore_errors=True)
         (final / "operators").mkdir(parents=True)
         for name in TABLES:
-            if name != "telemetry":
+            if name != "telemetry" and has_table(name, tables, manifest):
                 counts[name] = _write(final / f"{name}.parquet", tables.schema(name), tables.batches(name))
         counts["telemetry"] = _stations(final, tables, manifest)
         (folder / "operators").mkdir(exist_ok=True)
@@ -56,6 +56,11 @@ def finalise(folder: Path, manifest: Mapping[str, Any]) -> dict[str, int]:
     finally:
         shutil.rmtree(final, ignore_errors=True)
     return counts
+
+
+def has_table(name: str, tables: Tables, manifest: Mapping[str, Any]) -> bool:
+    """Whether the run of `tables` has a file for the table `name`: of alerts, where it has detectors or raised some."""
+    return name not in OPTIONAL or bool(manifest.get("detectors")) or tables.rows(name) > 0
 
 
 def epoch_of(manifest: Mapping[str, Any]) -> Epoch:

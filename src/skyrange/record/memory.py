@@ -12,6 +12,7 @@ from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import World
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Note
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Digests
@@ -28,8 +29,16 @@ class Noted(NamedTuple):
     note: Note
 
 
+class Raised(NamedTuple):
+    """An alert with the time at which it was raised and the detector that raised it."""
+
+    time_ns: Time
+    detector: str
+    alert: Alert
+
+
 class MemoryObserver:
-    """An `agent.contracts.Observer` that keeps frames, notes, labels and truth, in the order it was told.
+    """An `agent.contracts.Observer` that keeps frames, notes, labels, alerts and truth, in the order it was told.
 
     Its digests are those a `Recorder` of the same truth period would have. Copies are independent and share
     the frames, which do not change any more once they were observed.
@@ -41,6 +50,7 @@ class MemoryObserver:
         self.frames: list[Frame] = []
         self.notes: list[Noted] = []
         self.labels: list[Label] = []
+        self.alerts: list[Raised] = []
         self.truth: list[TruthTick] = []
         self._truth_due: Time | None = None
 
@@ -59,6 +69,10 @@ class MemoryObserver:
     def on_label(self, label: Label) -> None:
         """A hostile act."""
         self.labels.append(label)
+
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        """A monitor raised an alert."""
+        self.alerts.append(Raised(now, detector, alert))
 
     def on_truth(self, now: Time, world: World) -> None:
         """A tick ended; kept where it is the first at or after a multiple of the period."""
@@ -99,6 +113,7 @@ class MemoryObserver:
         twin.frames = list(self.frames)
         twin.notes = deepcopy(self.notes, memo)
         twin.labels = list(self.labels)
+        twin.alerts = deepcopy(self.alerts, memo)
         twin.truth = list(self.truth)
         twin._truth_due = self._truth_due
         return twin

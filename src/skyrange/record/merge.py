@@ -16,6 +16,7 @@ import pyarrow as pa
 
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.messages import Note
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.ids import FrameId
@@ -97,6 +98,8 @@ def gather(folders: Sequence[Path], recorder: Recorder, header: Mapping[str, Any
             recorder.on_note(now, source, note)
     for label in _labels(parts, renames):
         recorder.on_label(label)
+    for now, detector, alert in _alerts(parts):
+        recorder.on_alert(now, detector, alert)
     for table in ("truth", "sensors", "receptions"):
         for rows in _interleaved(parts, table):
             named = _renamed(rows, renames) if table == "receptions" else rows
@@ -178,6 +181,13 @@ def _labels(parts: Sequence[Part], renames: Sequence[Renames]) -> Iterator[Label
             child = None if row["child"] is None else names.text(row["child"])
             acted_on = names.text(row["frame"])
             yield Label(row["at_ns"], row["attack"], row["actor"], row["action"], acted_on, child, row["until_ns"])
+
+
+def _alerts(parts: Sequence[Part]) -> Iterator[tuple[int, str, Alert]]:
+    for rows in _interleaved(parts, "alerts"):
+        for row in rows.to_pylist():
+            alert = Alert(row["at_ns"], row["subject"], row["kind"], row["score"], json.loads(row["data"]))
+            yield row["time_ns"], row["detector"], alert
 
 
 def _renamed(rows: pa.Table, renames: Sequence[Renames]) -> pa.Table:

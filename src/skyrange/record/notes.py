@@ -1,4 +1,4 @@
-"""How do notes and labels become rows, and what came of each aircraft's mission?"""
+"""Notes, labels and alerts as rows, and the outcome of each aircraft's mission."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow as pa
 
 from skyrange.agent.messages import Note, Scalar
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import Time, to_seconds
@@ -24,6 +25,9 @@ UNFINISHED = "unfinished"
 NoteRow = tuple[Time, str, str, str, str, list[str]]
 """time_ns, kind, about, source, data (JSON), causes."""
 
+AlertRow = tuple[Time, str, str, str, float, Time, str]
+"""time_ns, detector, kind, subject, score, at_ns, data (JSON)."""
+
 
 def table_of(kind: str) -> str:
     """Which table a note belongs to: `decisions` for `decision.…`, else `events`."""
@@ -32,13 +36,22 @@ def table_of(kind: str) -> str:
 
 def note_row(now: Time, source: str, note: Note) -> NoteRow:
     """The row of a note, its details frozen as they are now; `ComponentError` blames a source of non-scalars."""
-    data = {key: _plain(value) for key, value in note.data.items()}
-    try:
-        text = json.dumps(data, ensure_ascii=False, allow_nan=False)
-    except (TypeError, ValueError) as error:
-        problem = f"noted {note.kind} with data {dict(note.data)!r}, which is not of scalars"
-        raise ComponentError(source, problem, "Notes hold str, int, float, bool and None") from error
+    text = _json_text(source, f"noted {note.kind}", note.data)
     return now, note.kind, note.about, source, text, [str(cause) for cause in note.causes]
+
+
+def alert_row(now: Time, detector: str, alert: Alert) -> AlertRow:
+    """The row of an alert, its details frozen as they are now; `ComponentError` blames a detector of non-scalars."""
+    text = _json_text(f"detector {detector}", f"raised {alert.kind}", alert.data)
+    return now, detector, alert.kind, alert.subject, alert.score, alert.at, text
+
+
+def _json_text(source: str, did: str, data: Mapping[str, Scalar]) -> str:
+    try:
+        return json.dumps({key: _plain(value) for key, value in data.items()}, ensure_ascii=False, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        problem = f"{did} with data {dict(data)!r}, which is not of scalars"
+        raise ComponentError(source, problem, "Notes and alerts hold str, int, float, bool and None") from error
 
 
 def _plain(value: Scalar) -> Scalar:
@@ -66,6 +79,11 @@ def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
         for label in labels
     ]
     return pa.RecordBatch.from_arrays(_columns("labels", rows), schema=arrow_schema("labels"))
+
+
+def alert_batch(rows: Sequence[AlertRow]) -> pa.RecordBatch:
+    """Rows of `alerts`."""
+    return pa.RecordBatch.from_arrays(_columns("alerts", rows), schema=arrow_schema("alerts"))
 
 
 def _columns(table: str, rows: Sequence[Sequence[Any]]) -> list[pa.Array]:

@@ -21,7 +21,7 @@ from skyrange.record.matching import TOLERANCE_NS
 from skyrange.record.order import in_order
 from skyrange.record.renames import Lane, Renames
 from skyrange.record.run import load
-from skyrange.record.schema import TABLES
+from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import SPOOL
 from skyrange.record.tables import Tables
 
@@ -33,8 +33,10 @@ FRAME_COLUMNS = (
 KEPT, HANDED, INCOMING = 0, 1, 2
 """A frame that stayed within its node; one that left for another node; one that came from another."""
 
-_TIMES = {name: ["at_ns", "until_ns"] if name == "labels" else ["time_ns"] for name in TABLES} | {
-    "frames": ["sent_ns", "arrived_ns"]
+_TIMES = {name: ["time_ns"] for name in TABLES} | {
+    "alerts": ["time_ns", "at_ns"],
+    "labels": ["at_ns", "until_ns"],
+    "frames": ["sent_ns", "arrived_ns"],
 }
 _OWN = {MANIFEST, f"{MANIFEST}.new", SPOOL, PARTS, "operators"}
 
@@ -100,6 +102,8 @@ class Part:
                 continue
             try:
                 self.rows[name] = sum(map(self._note_times, self._raw(name, _TIMES[name])))
+                if name in OPTIONAL and not self.rows[name]:
+                    del self.rows[name]
             except InputError as error:
                 self.rows[name] = 0
                 self.problems.append(str(error))

@@ -22,6 +22,7 @@ from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import World
 from skyrange.agent.frames import Frame
 from skyrange.agent.messages import Note
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NEVER, Time, to_seconds
@@ -33,7 +34,10 @@ from skyrange.record.frames import FrameEncoder
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, here, write_manifest
 from skyrange.record.notes import (
     OUTCOME,
+    AlertRow,
     NoteRow,
+    alert_batch,
+    alert_row,
     label_batch,
     note_batch,
     note_row,
@@ -109,6 +113,7 @@ class Recorder:
         self._frame_rows = 0
         self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
         self._labels: list[Label] = []
+        self._alerts: list[AlertRow] = []
         self._truth: list[TruthTick] = []
         self._sensors: list[SensorTick] = []
         self._tick_bytes = 0
@@ -227,6 +232,12 @@ class Recorder:
         if len(self._labels) >= _BATCH_ROWS or monotonic() >= self._due_s:
             self.flush()
 
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        """A monitor raised an alert."""
+        self._alerts.append(alert_row(now, detector, alert))
+        if len(self._alerts) >= _BATCH_ROWS or monotonic() >= self._due_s:
+            self.flush()
+
     def on_truth(self, now: Time, world: World) -> None:
         """A tick ended; kept where it is the first at or after a multiple of the period."""
         state = self._state
@@ -292,6 +303,8 @@ class Recorder:
                 self._append(table, note_batch(table, rows))
         if self._labels:
             self._append("labels", label_batch(self._labels))
+        if self._alerts:
+            self._append("alerts", alert_batch(self._alerts))
 
     def _append(self, table: str, batch: pa.RecordBatch) -> None:
         try:
@@ -308,6 +321,7 @@ class Recorder:
         for rows in self._notes.values():
             rows.clear()
         self._labels.clear()
+        self._alerts.clear()
         self._truth.clear()
         self._sensors.clear()
         self._tick_bytes = 0

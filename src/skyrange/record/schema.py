@@ -165,6 +165,15 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
         Column("until_ns", _I64, "ns", f"until when a delay holds the frame, {_TIME}", True),
     ),
+    "alerts": (
+        Column("time_ns", _I64, "ns", f"when the detector raised it, {_TIME}"),
+        Column("detector", NAME, "", "the detector's id"),
+        Column("kind", NAME, "", "what was found, dotted"),
+        Column("subject", NAME, "", "the vehicle, operator, endpoint or link that it is about"),
+        Column("score", _F64, "", "how strong the evidence is; what 1 means is for the detector to say"),
+        Column("at_ns", _I64, "ns", f"the moment that it is about, {_TIME}"),
+        Column("data", TEXT, "", "details: a JSON object of scalars; not-a-number and infinities as strings"),
+    ),
     "telemetry": (
         Column("time_ns", _I64, "ns", f"when the ground station received it, {_TIME}"),
         Column("operator", NAME, "", "whose ground station"),
@@ -175,6 +184,9 @@ TABLES: dict[str, tuple[Column, ...]] = {
     ),
 }
 """Every table's columns. Truth may have more (whatever the world names), telemetry one per MAVLink field seen."""
+
+OPTIONAL = frozenset({"alerts"})
+"""Tables that only some runs have: of alerts, those with detectors. Elsewhere they are read as empty."""
 
 BAD_DATA = "BAD_DATA"
 """pymavlink's name for bytes that are no message."""

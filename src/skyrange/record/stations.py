@@ -100,7 +100,7 @@ def _seen(rows: pa.Table) -> Seen:
     vehicles = rows.column("vehicle").combine_chunks().dictionary_encode()
     if isinstance(vehicles, pa.ChunkedArray):
         vehicles = vehicles.combine_chunks()
-    payloads = _payloads(rows.column("payload"))
+    payloads = payload_column(rows.column("payload"))
     found = Seen(
         rows.column("time_ns").to_numpy(),
         vehicles.dictionary.to_pylist(),
@@ -120,7 +120,7 @@ def _seen(rows: pa.Table) -> Seen:
     return found
 
 
-def _payloads(column: pa.ChunkedArray) -> Payloads:
+def payload_column(column: pa.ChunkedArray) -> Payloads:
     """A binary column without nulls, where it lies."""
     if not len(column):
         return Payloads.of([])

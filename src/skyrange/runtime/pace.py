@@ -29,7 +29,7 @@ def held_to(speed: float, engines: Sequence[Engine]) -> float:
     walls = [engine for engine in engines if engine.clock == "wall"]
     if not walls:
         return speed
-    return 0.0 if any(getattr(engine, "waits", True) for engine in walls) else cast("WallEngine", walls[0]).pace
+    return 0.0 if any(engine.waits for engine in walls) else cast("WallEngine", walls[0]).pace
 
 
 class Pace:

@@ -12,6 +12,7 @@ from typing import Any, cast
 
 from skyrange.agent.contracts import Observer
 from skyrange.agent.links import AttackPlan, TapPlacement
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
@@ -55,6 +56,7 @@ class Run:
         speed: float = 0.0,
         taps: Sequence[TapPlacement] = (),
         attacks: Sequence[AttackPlan] = (),
+        monitors: Sequence[MonitorPlacement] = (),
         observers: Sequence[Observer] = (),
         fuse: bool = True,
         motion: bool = False,
@@ -62,12 +64,13 @@ class Run:
         """Wire `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
         Without `out` it is the first of `runs/NAME`, `runs/NAME-2` … that is free, whoever else starts a run there.
-        `taps` and `attacks` act on its links; `observers` see everything beside the recorder. `speed` is what
+        `taps` and `attacks` act on its links, `monitors` listen at ends of them; `observers` see everything beside the
+        recorder. `speed` is what
         `execute` will be asked for: whether the engines allow it is known once they are made.
         What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
         record is the same. `motion` lets external vehicles be moved, where the scenario allows it too.
         """
-        rig = wire(scenario, taps=taps, attacks=attacks, motion=motion)
+        rig = wire(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
         held_to(speed, [mount.engine for mount in rig.wiring.engines])
         kernel = Kernel(replace(rig.wiring, fuse=fuse))
         recorder = open_record(rig, out)
@@ -122,7 +125,7 @@ class Run:
         with Interruptible() as interrupt, at_ease():
             began = time.perf_counter()
             try:
-                if not all(getattr(engine, "waits", True) for engine in engines):
+                if not all(engine.waits for engine in engines):
                     warm_up(self.rig.scenario)  # what flies outside does not wait while we compile
                     began = time.perf_counter()
                 while self.kernel.now < end and not interrupt.requested:

@@ -14,6 +14,7 @@ from skyrange.agent.blocks import FrameBlock
 from skyrange.agent.contracts import World
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.messages import Note
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.ids import link_name
 from skyrange.core.time import NEVER, Time
@@ -101,6 +102,9 @@ class Viewers:
         """Nothing that MAVLink tells."""
 
     def on_label(self, label: Label) -> None:
+        """Nothing that MAVLink tells."""
+
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
         """Nothing that MAVLink tells."""
 
     def on_truth(self, now: Time, world: World) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from skyrange.agent.contracts import Agent
 from skyrange.agent.links import AttackPlan, TapPlacement
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
@@ -21,7 +22,7 @@ from skyrange.scenario.aircraft import build_aircraft, engines_told
 from skyrange.scenario.approvals import build_approvals
 from skyrange.scenario.attack_making import check_transmitters, make_attack_context, make_attacks
 from skyrange.scenario.check import check
-from skyrange.scenario.detector_making import BuiltDetector, build_detectors
+from skyrange.scenario.detector_making import build_detectors, describe_monitor
 from skyrange.scenario.flight import flight_plan
 from skyrange.scenario.medium import build_radio, describe_medium, make_lookout
 from skyrange.scenario.network import build_network
@@ -54,8 +55,6 @@ class Rig:
     """Files of the run folder by name: the scenario, the missions and the city as flown."""
     oracle: Oracle | None
     """The one that owns the radio medium, if there is one."""
-    detectors: list[BuiltDetector] = field(default_factory=list)
-    """What listens to its links."""
 
     def close(self) -> None:
         """End the medium's program, if it is one; the kernel ends those of the engines. Again does nothing."""
@@ -68,15 +67,16 @@ def wire(
     *,
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
     motion: bool = False,
 ) -> Rig:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
-    `taps` and `attacks` are placed on the scenario's links, by name or pattern. With `local` only what lives at these
-    endpoints is built, as a process needs it that runs a part of the range: world, oracle and autopilots where
-    `oracle` is among them. `motion` is the command line's word that vehicles outside may be moved; the scenario's is
-    needed too.
+    `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
+    declares. With `local` only what lives at these endpoints is built, as a process needs it that runs a part of the
+    range: world, oracle and autopilots where `oracle` is among them. `motion` is the command line's word that vehicles
+    outside may be moved; the scenario's is needed too.
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
@@ -93,7 +93,8 @@ def wire(
         raise InputError(f"scenario {scenario.name}", faults)
     approvals = build_approvals(scenario, city)
     links += [*made.links, *(spec for service in approvals for spec in service.links)]
-    detectors = build_detectors(scenario, links)
+    detectors, rows = build_detectors(scenario, links)
+    rows += map(describe_monitor, monitors)
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
     air = build_radio(scenario, city, Chance(scenario.seed), made.radios, here)
@@ -125,6 +126,7 @@ def wire(
         watchers=air.watchers,
         taps=[*made.taps, *taps],
         attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks)],
+        monitors=[*detectors, *monitors],
         world=world,
         engines=engines,
         local=local,
@@ -138,10 +140,10 @@ def wire(
         city,
         from_seconds(scenario.duration_s),
         make_header(scenario, city, links, plans)
-        | {"attacks": made.rows, "engines": engines_told(engines), **describe_medium(scenario, air.oracle)},
+        | {"attacks": made.rows, "engines": engines_told(engines), **describe_medium(scenario, air.oracle)}
+        | ({"detectors": rows} if rows else {}),
         make_attachments(scenario, plans, city),
         air.oracle,
-        detectors,
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from skyrange.agent.contracts import Observer
 from skyrange.agent.links import AttackPlan, TapPlacement
+from skyrange.agent.monitors import MonitorPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.core.time import Time
 from skyrange.record import RunRecord, load
@@ -24,6 +25,7 @@ def fly(
     speed: float | None = None,
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    monitors: Sequence[MonitorPlacement] = (),
     observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
@@ -33,19 +35,26 @@ def fly(
     """Run `scenario` into the folder `out`, or the first free one of `runs/NAME`, and write its report.
 
     `speed` is that of `Run.execute`; without one a run that is watched goes in real time, or at the pace of engines
-    that have one, and any other as fast as it goes. `taps` and `attacks` are placed on its links. `observers` see
-    everything and alter nothing. `viewers` are served between steps; closing them is the caller's. `motion` is that of
-    `Run.start`. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as well.
+    that have one, and any other as fast as it goes. `taps`, `attacks` and `monitors` are placed on its links.
+    `observers` see everything and alter nothing. `viewers` are served between steps; closing them is the caller's.
+    `motion` is that of `Run.start`. Errors as `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is there as
+    well.
     """
     asked = 0.0 if speed is None else speed
     Pace(asked)  # refuses what is no speed before there is a folder
-    if viewers is None:
-        run = Run.start(scenario, out, speed=asked, taps=taps, attacks=attacks, observers=observers, motion=motion)
-    else:
-        seeing = [*observers, viewers]
-        run = Run.start(
-            scenario, out, speed=asked, taps=taps, attacks=attacks, observers=seeing, fuse=False, motion=motion
-        )
+    watching = [] if viewers is None else [viewers]
+    run = Run.start(
+        scenario,
+        out,
+        speed=asked,
+        taps=taps,
+        attacks=attacks,
+        monitors=monitors,
+        observers=[*observers, *watching],
+        fuse=not watching,
+        motion=motion,
+    )
+    if viewers is not None:
         on_progress = _serving(viewers, on_progress)
     if speed is None and viewers is not None and not run.on_wall_clock:
         asked = 1.0
@@ -86,6 +95,7 @@ def run(
     changes: Sequence[str] = (),
     taps: Sequence[TapPlacement] = (),
     attacks: Sequence[AttackPlan] = (),
+    monitors: Sequence[MonitorPlacement] = (),
     observers: Sequence[Observer] = (),
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
@@ -95,10 +105,10 @@ def run(
 
     `scenario` is a `Scenario`, a shipped scenario's name, or a TOML file. `out` defaults to the first
     free one of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as
-    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps` and `attacks` are placed on its
-    links by name or pattern. `observers` (`agent.contracts.Observer`) see every frame, note, label and tick, and alter
-    nothing. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best at `speed` 1. `motion` is
-    `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles be moved.
+    `--set` takes them) apply to names and files; a `Scenario` is flown as it is. `taps`, `attacks` and `monitors` are
+    placed on its links by name or pattern. `observers` (`agent.contracts.Observer`) see every frame, note, label and
+    tick, and alter nothing. `viewers` (`runtime.viewers.Viewers`) let ground stations watch, best at `speed` 1.
+    `motion` is `--allow-motion`: with the scenario's `allow_motion` it lets external vehicles be moved.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -112,6 +122,7 @@ def run(
         speed=speed,
         taps=taps,
         attacks=attacks,
+        monitors=monitors,
         observers=observers,
         viewers=viewers,
         on_progress=on_progress,

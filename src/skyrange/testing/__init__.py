@@ -1,4 +1,4 @@
-"""Conformance checks for plugin authors: agents, taps, autopilot engines, approvals, attacks and radio media.
+"""Conformance checks for plugin authors: agents, taps, engines, approvals, attacks, monitors and radio media.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from skyrange.testing.engines import check_engine
     from skyrange.testing.mail import Letter, Postbag
     from skyrange.testing.media import check_medium
+    from skyrange.testing.monitors import check_monitor
     from skyrange.testing.rules import NonConformance
     from skyrange.testing.taps import check_tap
 
@@ -31,6 +32,7 @@ __all__ = [
     "check_attack",
     "check_engine",
     "check_medium",
+    "check_monitor",
     "check_tap",
 ]
 

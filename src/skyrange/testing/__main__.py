@@ -10,6 +10,7 @@ from skyrange.testing.approvals import APPROVAL
 from skyrange.testing.attacks import ATTACK
 from skyrange.testing.engines import ENGINE
 from skyrange.testing.media import MEDIUM
+from skyrange.testing.monitors import MONITOR
 from skyrange.testing.rules import RuleBook
 from skyrange.testing.taps import TAP
 
@@ -21,6 +22,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Approval services: `check_approval`": SERVICE,
     "Attacks: `check_attack`": ATTACK,
     "Radio media: `check_medium`": MEDIUM,
+    "Monitors: `check_monitor`": MONITOR,
 }
 _HEAD = """\
 # Conformance rules

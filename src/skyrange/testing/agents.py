@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from skyrange.agent.contracts import Agent
+from skyrange.agent.contracts import Agent, Speaker
 from skyrange.agent.messages import Arrival
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -96,7 +96,7 @@ def _wakeups(case: AgentCase) -> None:
 def _ends(case: AgentCase) -> tuple[Port, ...]:
     """Where it may send from: its ports, and those where it only speaks (`contracts.Speaker`)."""
     agent = case.make()
-    return (*agent.ports, *getattr(agent, "speaks", ()))
+    return (*agent.ports, *(agent.speaks if isinstance(agent, Speaker) else ()))
 
 
 @AGENT.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")

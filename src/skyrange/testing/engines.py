@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from skyrange.agent.contracts import Engine, Finished, InstanceStatus, World
+from skyrange.agent.contracts import ENGINE_MEMBERS, Engine, Finished, InstanceStatus, World
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
@@ -36,8 +36,6 @@ class EngineCase:
     world: Callable[[Sequence[VehicleSpec]], World]
     letters: Sequence[Letter] | None
     until: Time
-    program: bool = False
-    """Whether its plugin says that it runs programs."""
 
     def make(self, specs: Sequence[VehicleSpec] | None = None, name: str = "checked") -> Engine:
         """A fresh engine for some of the aircraft, or for all."""
@@ -56,7 +54,7 @@ class EngineCase:
     @cached_property
     def runs_programs(self) -> bool:
         """Whether it starts programs: these need sockets and files, and cannot be copied."""
-        return self.program or hasattr(self.make(), "close")
+        return self.make().runs_programs
 
     def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
         """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
@@ -98,24 +96,26 @@ def check_engine(
     def make(name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> Engine:
         return plugin(settings, AutopilotContext(name, specs, origin, epoch, chance))
 
-    case = EngineCase(make, specs, world, mail, until, plugin.program)
+    case = EngineCase(make, specs, world, mail, until)
     ENGINE.check(f"engine {name or type(case.make()).__name__}", case)
 
 
 @ENGINE.rule(
     "declares",
-    "Has a name, a clock (and a pace, if it is the wall's), a repeatability, a pre-roll of 0 ns or more, and moves "
-    "none but its own.",
+    "Has every member of Engine: a name, a clock (and a pace, if it is the wall's), a repeatability, a pre-roll of 0 "
+    "ns or more, and moves none but its own vehicles.",
 )
 def _declares(case: EngineCase) -> None:
     engine = case.make()
+    for member in ENGINE_MEMBERS:
+        need(hasattr(engine, member), f"has no {member}", "every member of Engine; EngineBase has most of them")
     need(isinstance(engine.name, str) and bool(engine.name), f"name is {engine.name!r}", "text")
     need(engine.clock in ("lockstep", "wall"), f"clock is {engine.clock!r}", "lockstep or wall")
     need(engine.repeatable in ("bytes", "outcome"), f"repeatable is {engine.repeatable!r}", "bytes or outcome")
     preroll = engine.preroll_ns
     need(isinstance(preroll, int) and preroll >= 0, f"preroll_ns is {preroll!r}", "an int of 0 or more nanoseconds")
     if engine.clock == "wall":
-        pace = getattr(engine, "pace", None)
+        pace = engine.pace if hasattr(engine, "pace") else None
         need(isinstance(pace, float) and pace > 0.0, f"pace is {pace!r}", "a float above 0, as its clock is wall")
     strange = [vehicle for vehicle in engine.moves if vehicle not in engine.vehicles]
     need(not strange, f"moves {strange}", "vehicles of its own")

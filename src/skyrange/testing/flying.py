@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Engine, Finished, InstanceStatus, Poses, Sensors, Source, World
+from skyrange.agent.contracts import Engine, Finished, InstanceStatus, Poses, Sensors, World
 from skyrange.agent.messages import EMPTY_INBOX, Arrival, Departure, Inbox, Note
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time, ceil_to
@@ -56,7 +56,7 @@ class Flight:
                 row for row, vehicle in zip(rows.tolist(), engine.vehicles, strict=True) if vehicle in engine.moves
             ]
             if moved:
-                self.world.set_source(np.array(moved), getattr(engine, "source", Source.KINEMATIC))
+                self.world.set_source(np.array(moved), engine.source)
         self._boxes: dict[int, list[Arrival]] = {number: [] for number in range(len(self.engines))}
 
     def fly(

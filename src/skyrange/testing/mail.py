@@ -10,6 +10,7 @@ from skyrange.agent.contracts import World
 from skyrange.agent.frames import Fate, Frame
 from skyrange.agent.links import LinkSpec
 from skyrange.agent.messages import Arrival, Note
+from skyrange.agent.monitors import Alert
 from skyrange.agent.verdicts import Label
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Time
@@ -64,6 +65,9 @@ class Postbag:
         """Not mail."""
 
     def on_label(self, label: Label) -> None:
+        """Not mail."""
+
+    def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
         """Not mail."""
 
     def on_truth(self, now: Time, world: World) -> None:

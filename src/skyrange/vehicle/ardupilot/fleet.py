@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
+from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors
 from skyrange.agent.messages import Inbox, Outbox
 from skyrange.codec.mavlink import Deframer, Message, Packer, decode, dialect
 from skyrange.codec.signing import is_signed
@@ -87,7 +87,7 @@ class Instance:
         program.kill()
 
 
-class Fleet(ABC):
+class Fleet(EngineBase, ABC):
     """An engine (contract: `agent.contracts.Engine`). Its processes start with its first tick and end with `close`."""
 
     physics: Literal["shared", "native"]
@@ -96,6 +96,7 @@ class Fleet(ABC):
     repeatable: Literal["bytes", "outcome"]
     preroll_ns: Time
     moves: Sequence[str] = ()
+    runs_programs = True
     reports: Mapping[int, float] = REPORTS
     """What the private port is asked for, in Hz."""
 
@@ -271,7 +272,7 @@ class Fleet(ABC):
             else:
                 self._pass_on(tick, row, one, data, outbox)
 
-    def _connected(self, row: int, place: int, outbox: Outbox) -> None:  # noqa: B027 (most need not know)
+    def _connected(self, row: int, place: int, outbox: Outbox) -> None:
         """Its serial port `place` has connected, for the first time or again."""
 
     def _learn(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:

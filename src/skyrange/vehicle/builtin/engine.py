@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import Finished, Sensors
+from skyrange.agent.contracts import EngineBase, Finished, Sensors
 from skyrange.agent.messages import Arrival, Inbox, Outbox
 from skyrange.agent.plugins import NoParams
 from skyrange.codec.mavlink import decode, dialect
@@ -95,7 +95,7 @@ _RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)
 _FLAGS = tuple(Flag)
 
 
-class BuiltinFleet:
+class BuiltinFleet(EngineBase):
     """The engine (contract: `agent.contracts.Engine`). Deep copies of it go on alike."""
 
     service_ns: Time = SERVICE_NS

@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors, Source
+from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors, Source
 from skyrange.agent.messages import Inbox, Outbox
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
@@ -30,7 +30,7 @@ QUANTUM_NS: Final[Time] = 2_500_000
 """The world's tick."""
 
 
-class External:
+class External(EngineBase):
     """An engine (contract: `agent.contracts.WallEngine`). It connects with its first tick.
 
     `motion` is the command line's word: with the scenario's `allow_motion` it opens the interlock.
@@ -41,6 +41,7 @@ class External:
     repeatable: Literal["bytes", "outcome"] = "outcome"
     pace = 1.0
     waits = False
+    runs_programs = True
     source = Source.EXTERNAL
 
     def __init__(
@@ -141,9 +142,6 @@ def _make(options: Options, context: AutopilotContext) -> External:
 
 
 EXTERNAL = AutopilotPlugin(
-    Options,
-    _make,
-    "Connects to vehicles that the range did not start: real ones, or foreign simulations.",
-    program=True,
+    Options, _make, "Connects to vehicles that the range did not start: real ones, or foreign simulations."
 )
 """The autopilot `external`. Raises `InputError` as `External` does."""

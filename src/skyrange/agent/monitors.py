@@ -1,0 +1,236 @@
+"""Monitors, the contract of detectors: passive subscribers at link ends, what they are handed, what they raise.
+
+A monitor listens at ends of links as somebody does who has put a recorder on that end's network interface: it sees what
+arrives there and what is sent from there, with the source and destination that each frame claims. It learns neither who
+truly sent a frame, nor what becomes of it elsewhere, nor what it was made of, nor that an attack acted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property
+from typing import NamedTuple, Protocol, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.messages import Scalar
+from skyrange.agent.payloads import Ints, Payloads
+from skyrange.core.errors import ComponentError, Fault, InputError, attribute_error, nearest
+from skyrange.core.ids import Port
+from skyrange.core.time import Time
+
+
+class ObservedFrame(NamedTuple):
+    """One frame as it was seen at one end of its link."""
+
+    port: Port
+    """The end at which it was seen."""
+    received: bool
+    """Whether it arrived there; else it was sent from there."""
+    at: Time
+    """When it arrived, or was sent."""
+    payload: bytes
+    src: str
+    """The source that it claims."""
+    dst: str
+    """The destination that it claims."""
+
+
+class ObservedFrames(Sequence[ObservedFrame]):
+    """Frames seen since a monitor's last service time, as columns of one row each; iterating them gives single frames.
+
+    Rows are in order of time; ties are settled by port, what was sent before what arrived, sender and its count. The
+    arrays belong to the simulation: they are read, not altered.
+    """
+
+    def __init__(
+        self,
+        ports: Sequence[Port],
+        places: Ints,
+        received: NDArray[np.bool_],
+        at_ns: Ints,
+        payloads: Payloads,
+        names: Sequence[str],
+        src: Ints,
+        dst: Ints,
+    ) -> None:
+        self.ports = ports
+        """Every end at which the monitor listens, in order of link and endpoint: the same throughout a run."""
+        self.places = places
+        """(n,) where each frame was seen: its port's place in `ports`."""
+        self.received = received
+        """(n,) whether it arrived there, else it was sent from there."""
+        self.at_ns = at_ns
+        """(n,) when it arrived or was sent, in ns."""
+        self.payloads = payloads
+        """n payloads."""
+        self.names = names
+        """Endpoints that `src` and `dst` number."""
+        self.src = src
+        """(n,) the source that it claims: a place in `names`."""
+        self.dst = dst
+        """(n,) the destination that it claims, likewise."""
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @overload
+    def __getitem__(self, index: int) -> ObservedFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[ObservedFrame]: ...
+    def __getitem__(self, index: int | slice) -> ObservedFrame | Sequence[ObservedFrame]:
+        return self._frames[index]
+
+    def __iter__(self) -> Iterator[ObservedFrame]:
+        return iter(self._frames)
+
+    def take(self, rows: Ints | NDArray[np.bool_]) -> ObservedFrames:
+        """Some of the frames, by (m,) row numbers or an (n,) mask."""
+        chosen = np.arange(len(self))[rows]
+        return ObservedFrames(
+            self.ports,
+            self.places[chosen],
+            self.received[chosen],
+            self.at_ns[chosen],
+            self.payloads.take(chosen),
+            self.names,
+            self.src[chosen],
+            self.dst[chosen],
+        )
+
+    @cached_property
+    def _frames(self) -> list[ObservedFrame]:
+        ports, names = self.ports, self.names
+        columns = (self.places, self.received, self.at_ns, self.src, self.dst)
+        rows = zip(*(column.tolist() for column in columns), self.payloads, strict=True)
+        return [
+            ObservedFrame(ports[place], received, at, payload, names[src], names[dst])
+            for place, received, at, src, dst, payload in rows
+        ]
+
+
+class Alert(NamedTuple):
+    """What a monitor reports."""
+
+    at: Time
+    """The moment that it is about, not after the service time at which it is raised."""
+    subject: str
+    """Whom it is about: a vehicle, an operator, an endpoint or a link."""
+    kind: str
+    """What was found: lower-case words, dotted, such as `heartbeat.gap`."""
+    score: float
+    """How strong the evidence is, finite; what 1 means is for the detector to say."""
+    data: Mapping[str, Scalar] = {}
+    """Details: scalars by name."""
+
+
+class Monitor(Protocol):
+    """A passive subscriber: same inputs, same alerts; no clock, no socket, no thread.
+
+    It is served at every multiple of `service_ns` from time 0 to the end of the run, at the end of that instant,
+    whether or not anything was seen. In a live range, and there only, a service time may be left out while its process
+    stands still; what was seen comes with the next. All its state is deep-copyable data.
+    """
+
+    service_ns: Time
+    """How often it is served, more than 0."""
+
+    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Take in what was seen after the last service time and up to `now`; returns a list or tuple of alerts."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorPlacement:
+    """A detector: the monitor that `make` returns, and the link ends at which it listens.
+
+    These are the `side` end of every link that matches one of `links`, which are link names or patterns with `*`, such
+    as `gcs:*`; `side` is an endpoint, its role (`gcs`, `companion`) or a pattern of either, `*` for both ends. `id`
+    names the detector in the alerts. In a live range each process that has such ends runs a monitor of its own at them.
+    """
+
+    id: str
+    make: Callable[[], Monitor]
+    """Returns a new monitor, all alike: one for each run."""
+    links: Sequence[str]
+    side: str
+
+
+def make_monitor(placement: MonitorPlacement) -> Monitor:
+    """A new monitor; `InputError` where it declares no service time above 0."""
+    monitor = placement.make()
+    service = monitor.service_ns
+    if isinstance(service, bool) or not isinstance(service, int) or service <= 0:
+        where = f"monitors.{placement.id}.service_ns"
+        raise InputError.one("wiring", where, repr(service), "a whole number of ns, over 0")
+    return monitor
+
+
+def find_ends(placement: MonitorPlacement, links: Iterable[tuple[str, str, str]]) -> list[Port]:
+    """The ends at which a placement listens, in order of link and endpoint; `links` are (name, one end, other end).
+
+    Raises `InputError` for a pattern that no link matches, and for a link that has no such side.
+    """
+    known = {name: (a, b) for name, a, b in links}
+    where = f"monitors.{placement.id}"
+    faults: list[Fault] = []
+    found: set[Port] = set()
+    for pattern in placement.links:
+        names = [name for name in known if fnmatchcase(name, pattern)]
+        if not names:
+            expected = "a link's name or a pattern that matches some"
+            faults.append(Fault(f"{where}.links", pattern, expected, nearest(pattern, known)))
+        for name in names:
+            ends = [end for end in known[name] if _is_side(end, placement.side)]
+            if not ends:
+                expected = f"an end of {name}: {known[name][0]} or {known[name][1]}"
+                faults.append(Fault(f"{where}.side", placement.side, expected))
+            found.update(Port(end, name) for end in ends)
+    if faults:
+        raise InputError("wiring", faults)
+    return sorted(found, key=_link_first)
+
+
+def _link_first(port: Port) -> tuple[str, str]:
+    return port.link, port.endpoint
+
+
+def _is_side(end: str, side: str) -> bool:
+    """Whether `side` means the endpoint `end`: by its name, its role, or a pattern of either."""
+    return fnmatchcase(end, side) or fnmatchcase(end.rpartition(".")[2], side)
+
+
+def serve_monitor(detector: str, monitor: Monitor, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+    """Hand a monitor what it has seen; returns its alerts. Raises `ComponentError` where it breaks its contract."""
+    who = f"detector {detector}"
+    try:
+        alerts = monitor.observe(now, frames)
+    except Exception as error:
+        raise attribute_error(who, now, error) from error
+    if not isinstance(alerts, (list, tuple)) or isinstance(alerts, Alert):
+        raise ComponentError(who, f"answered observe with {alerts!r:.160}; a list of alerts was expected")
+    for alert in alerts:
+        problem = find_problem(now, alert)
+        if problem:
+            raise ComponentError(who, problem)
+    return alerts
+
+
+def find_problem(now: Time, alert: object) -> str:
+    """What is wrong with an alert raised at `now`, as the end of a sentence that begins with its detector; or ""."""
+    if not isinstance(alert, Alert):
+        return f"raised {alert!r:.160}; an Alert was expected"
+    for name, text in (("subject", alert.subject), ("kind", alert.kind)):
+        if not isinstance(text, str) or not text:
+            return f"raised an alert with the {name} {text!r:.160}; text was expected"
+    if isinstance(alert.at, bool) or not isinstance(alert.at, int) or alert.at > now:
+        return f"raised {alert.kind} at {now} about {alert.at!r:.160}; a whole number of ns, not later, was expected"
+    if not isinstance(alert.score, (int, float)) or not math.isfinite(alert.score):
+        return f"raised {alert.kind} with the score {alert.score!r:.160}; a finite number was expected"
+    if not isinstance(alert.data, Mapping):
+        return f"raised {alert.kind} with the data {alert.data!r:.160}; a mapping was expected"
+    return ""

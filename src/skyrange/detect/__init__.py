@@ -1,0 +1,1 @@
+"""Detectors: monitors that raise alerts, and readers of what a monitor sees."""

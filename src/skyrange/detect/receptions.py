@@ -1,0 +1,93 @@
+"""Receptions in observed frames: Remote ID broadcasts that a radio received, as columns.
+
+What an aircraft's receiver decodes crosses its `rid_down` link, what an operator's ground receivers decode crosses the
+`oracle` link; a monitor at the receiving end reads receptions from the frames that arrive there. Who truly broadcast is
+not among them: address and body are claims.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.agent.monitors import ObservedFrames
+from skyrange.agent.payloads import Ints, Payloads
+from skyrange.codec.rid_link import NO_RSSI, RidFrame, read_rows
+from skyrange.core.errors import DecodeError
+from skyrange.radio.ground import decode
+
+_DOWN = "rid_down:"
+_GROUND = "oracle:"
+
+
+class ObservedReceptions(NamedTuple):
+    """Broadcasts that were received, one row each, in the order of their frames."""
+
+    rows: Ints
+    """(n,) which of the frames told of each; a frame of ground receivers tells of several."""
+    receivers: Sequence[str]
+    """Radios that `receiver` numbers: vehicles and ground receivers."""
+    receiver: Ints
+    """(n,) who received it."""
+    time_ns: Ints
+    """(n,) when the reception ended, in ns, as the receiver tells."""
+    transport: Ints
+    """(n,) `codec.rid_link.Transport`"""
+    channel: Ints
+    """(n,) Wi-Fi channel or Bluetooth channel index."""
+    rssi_dbm: NDArray[np.float64]
+    """(n,) signal strength; NaN where the receiver does not tell."""
+    address: NDArray[np.uint8]
+    """(n, 6) the sender's address, as claimed."""
+    bodies: Payloads
+    """n messages or message packs of ASTM F3411."""
+
+
+def read_receptions(frames: ObservedFrames) -> ObservedReceptions:
+    """The receptions that `frames` tell of; what is no reception is left out."""
+    kinds = np.array([_kind(port.link) for port in frames.ports], dtype=np.int64)[frames.places]
+    kinds[~frames.received] = 0
+    owners = [port.link.partition(":")[2] for port in frames.ports]
+    names: dict[str, int] = {}
+    downs = np.flatnonzero(kinds == 1)
+    table = read_rows(frames.payloads.take(downs))
+    good = np.flatnonzero(table.good)
+    rows = downs[good].tolist()
+    receivers = [names.setdefault(owners[place], len(names)) for place in frames.places[rows].tolist()]
+    found: list[RidFrame] = []
+    for row in np.flatnonzero(kinds == 2).tolist():
+        try:
+            report = decode(frames.payloads[row])
+        except DecodeError:
+            continue
+        rows += [row] * len(report.body)
+        receivers += [names.setdefault(reception.receiver, len(names)) for reception in report.body]
+        found += [reception.frame() for reception in report.body]
+    heads = [frame.header for frame in found]
+    order = np.argsort(_ints(rows), kind="stable")
+    rssi = np.concatenate([table.rssi_cdbm[good].astype(np.int64), _ints(head.rssi_cdbm for head in heads)])
+    addresses = np.frombuffer(b"".join(head.address for head in heads), dtype=np.uint8).reshape(-1, 6)
+    bodies = Payloads.join([table.bodies.take(good), Payloads.of([frame.body for frame in found])])
+    return ObservedReceptions(
+        _ints(rows)[order],
+        list(names),
+        _ints(receivers)[order],
+        np.concatenate([table.time_ns[good], _ints(head.time_ns for head in heads)])[order],
+        np.concatenate([table.transport[good].astype(np.int64), _ints(head.transport for head in heads)])[order],
+        np.concatenate([table.channel[good].astype(np.int64), _ints(head.channel for head in heads)])[order],
+        np.where(rssi == NO_RSSI, np.nan, rssi / 100.0)[order],
+        np.concatenate([table.address[good], addresses])[order],
+        bodies.take(order),
+    )
+
+
+def _kind(link: str) -> int:
+    """1 where a link carries receptions of an aircraft, 2 of ground receivers, 0 where it carries none."""
+    return 1 if link.startswith(_DOWN) else 2 if link.startswith(_GROUND) else 0
+
+
+def _ints(values: Iterable[int]) -> Ints:
+    return np.array(list(values), dtype=np.int64)

@@ -1,0 +1,73 @@
+"""Telemetry in observed frames: MAVLink messages as columns.
+
+What an aircraft's ground station is told crosses its `gcs` link, so a monitor at that station's end reads telemetry
+from the frames that arrive there. A message counts as what it says it is: nothing tells a forged one from a true one.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from skyrange.agent.monitors import ObservedFrames
+from skyrange.agent.payloads import Ints
+from skyrange.codec.columns import Table, dtype_of, group, kind_of, message_ids, sort
+from skyrange.codec.mavlink import body_of, decode
+from skyrange.codec.wire import LAYOUTS
+from skyrange.core.errors import DecodeError, InputError, nearest
+
+
+class ObservedMessages(NamedTuple):
+    """Messages of one kind, one row each, in the order of their frames."""
+
+    rows: Ints
+    """(n,) which of the frames each is."""
+    systems: Ints
+    """(n,) the MAVLink system id that it claims."""
+    components: Ints
+    """(n,) the MAVLink component id that it claims."""
+    values: Table
+    """(n,) its fields under MAVLink's names, in wire units: `values["custom_mode"]`."""
+
+
+def read_messages(frames: ObservedFrames, name: str) -> ObservedMessages:
+    """The messages called `name` (such as `HEARTBEAT`) among `frames`, of MAVLink 1 and 2.
+
+    Frames that are no whole, valid message are left out; a signature is not checked. Raises `InputError` for a name
+    that the dialect does not have.
+    """
+    number = _ids().get(name)
+    if number is None:
+        raise InputError.one("detector", "message", name, "a MAVLink message", nearest(name, _ids()))
+    kinds = sort(frames.payloads)
+    rows = np.flatnonzero(kinds == kind_of(number))
+    found = group(frames.payloads, kind_of(number), rows)
+    columns = (rows, found.systems, found.components, found.values)
+    strange = np.flatnonzero((kinds < 0) & (message_ids(frames.payloads) == number))
+    singles = [single for row in strange.tolist() if (single := _read_single(frames, row, number)) is not None]
+    if not singles:
+        return ObservedMessages(*columns)
+    heads = np.array([head for head, _ in singles], dtype=np.int64)
+    values = np.array([body for _, body in singles], dtype=dtype_of(number))
+    order = np.argsort(np.concatenate([rows, heads[:, 0]]), kind="stable")
+    more = (heads[:, 0], heads[:, 1], heads[:, 2], values)
+    return ObservedMessages(*(np.concatenate(pair)[order] for pair in zip(columns, more, strict=True)))
+
+
+def _read_single(frames: ObservedFrames, row: int, number: int) -> tuple[tuple[int, int, int], np.void] | None:
+    """(row, system, component) and fields of a frame that only `decode` can read (MAVLink 1); None where it cannot."""
+    try:
+        message = decode(frames.payloads[row])
+    except DecodeError:
+        return None
+    if message.get_msgId() != number:
+        return None
+    body: np.void = np.frombuffer(body_of(message), dtype=dtype_of(number))[0]
+    return (row, message.get_srcSystem(), message.get_srcComponent()), body
+
+
+@cache
+def _ids() -> dict[str, int]:
+    return {str(layout.cls.msgname): number for number, layout in LAYOUTS.items()}

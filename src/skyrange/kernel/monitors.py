@@ -1,0 +1,194 @@
+"""Monitors at link ends: which frames each is handed, when it is served, and the alerts that it raises.
+
+What is seen is collected where frames are sent and where they arrive, on the slow and on the fast path alike; frames on
+fused routes are known ahead of their time and wait here until the service time that follows it. So a monitor neither
+un-fuses a route nor can tell that one is fused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from heapq import heappush
+
+import numpy as np
+
+from skyrange.agent.blocks import FrameBlock
+from skyrange.agent.frames import Frame
+from skyrange.agent.links import LinkSpec
+from skyrange.agent.monitors import (
+    Monitor,
+    MonitorPlacement,
+    ObservedFrames,
+    find_ends,
+    make_monitor,
+    serve_monitor,
+)
+from skyrange.agent.payloads import Ints, Payloads
+from skyrange.core.ids import Port
+from skyrange.core.time import Time
+from skyrange.kernel.events import MONITOR, SERVE, Event
+from skyrange.kernel.lane import Lane
+from skyrange.kernel.observers import ObserverList
+
+
+class MonitorSlot:
+    """A placed monitor: the ends at which it listens, what was seen there, and when it is next served."""
+
+    __slots__ = (
+        "_blocks", "_dst", "_names", "_numbers", "_places", "_singles", "_src", "due", "id", "monitor", "ports",
+    )  # fmt: skip
+
+    def __init__(self, id_: str, monitor: Monitor, ports: Sequence[Port], lanes: Sequence[Lane]) -> None:
+        """`lanes` by number; `ports` are the ends of some of them, in order of link and endpoint."""
+        self.id = id_
+        self.monitor = monitor
+        self.ports = ports
+        self.due: Time = 0
+        number = {port: place for place, port in enumerate(ports)}
+        sent = [number.get(Port(lane.src, lane.link), -1) for lane in lanes]
+        arrived = [number.get(lane.port, -1) for lane in lanes]
+        self._places = np.array([sent, arrived], dtype=np.int64).reshape(2, -1)
+        """(2, lanes): the place of a lane's sending end and of its receiving end in `ports`, -1 where it is none."""
+        self._names = sorted({name for lane in lanes for name in (lane.src, lane.dst)})
+        self._numbers = {name: place for place, name in enumerate(self._names)}
+        self._src = np.array([self._numbers[lane.src] for lane in lanes], dtype=np.int64)
+        self._dst = np.array([self._numbers[lane.dst] for lane in lanes], dtype=np.int64)
+        self._blocks: list[tuple[Time, int, FrameBlock]] = []
+        self._singles: list[tuple[Time, int, int, Frame]] = []
+
+    @property
+    def service_ns(self) -> Time:
+        """How often it is served."""
+        return self.monitor.service_ns
+
+    def listens(self, lane: int, received: bool) -> bool:
+        """Whether it listens at the receiving end of a lane, or at its sending end."""
+        return bool(self._places[int(received), lane] >= 0)
+
+    def take_frame(self, at: Time, lane: int, frame: Frame, received: bool) -> None:
+        """Keep a frame that is sent from, or arrives at, an end at which it listens; `at` may be still to come."""
+        self._singles.append((at, lane, int(received), frame))
+
+    def take_block(self, block: FrameBlock) -> None:
+        """Keep those frames of a block that are sent from, or arrive at, an end at which it listens."""
+        for received, at in enumerate((block.sent_ns, block.arrived_ns)):
+            if self._places[received][block.lane].max(initial=-1) >= 0:
+                self._blocks.append((at, received, block))
+
+    def collect(self, now: Time) -> ObservedFrames:
+        """Hand over what was seen up to `now`."""
+        singles = [entry for entry in self._singles if entry[0] <= now]
+        blocks = [entry for entry in self._blocks if entry[0] <= now]
+        self._singles = [entry for entry in self._singles if entry[0] > now]
+        self._blocks = [entry for entry in self._blocks if entry[0] > now]
+        at, lane, received, serial, src, dst = (np.zeros(0, dtype=np.int64) for _ in range(6))
+        names: Sequence[str] = self._names
+        parts: list[Payloads] = []
+        chosen: list[tuple[Time, int, Ints, Ints]] = []
+        if singles:
+            frames = [frame for *_, frame in singles]
+            at = np.array([at for at, *_ in singles], dtype=np.int64)
+            lane = np.array([lane for _, lane, *_ in singles], dtype=np.int64)
+            received = np.array([received for _, _, received, _ in singles], dtype=np.int64)
+            serial = np.array([frame.serial for frame in frames], dtype=np.int64)
+            names, src, dst = self._claims(frames)
+            parts.append(Payloads.of([frame.payload for frame in frames]))
+        for block_at, way, block in blocks:
+            rows = np.flatnonzero(self._places[way][block.lane] >= 0)
+            carried = block.carried()
+            parts.append(carried if len(rows) == len(block) else carried.take(rows))
+            chosen.append((block_at, way, block.lane[rows], block.serial[rows]))
+        if chosen:
+            sizes = [len(lanes) for _, _, lanes, _ in chosen]
+            lanes = np.concatenate([lanes for _, _, lanes, _ in chosen])
+            at = np.concatenate([at, np.repeat(np.array([at for at, *_ in chosen], dtype=np.int64), sizes)])
+            received = np.concatenate([received, np.repeat([way for _, way, *_ in chosen], sizes)])
+            serial = np.concatenate([serial, *(serials for *_, serials in chosen)])
+            lane = np.concatenate([lane, lanes])
+            src, dst = np.concatenate([src, self._src[lanes]]), np.concatenate([dst, self._dst[lanes]])
+        places = self._places[received, lane]
+        rank = self._sender_ranks([frame.sender for *_, frame in singles], lane)
+        order = np.lexsort((serial, rank, received, places, at))
+        payloads = Payloads.join(parts).take(order)
+        return ObservedFrames(
+            self.ports, places[order], received[order] > 0, at[order], payloads, names, src[order], dst[order]
+        )
+
+    def _claims(self, frames: Sequence[Frame]) -> tuple[Sequence[str], Ints, Ints]:
+        """All names, and which of them each frame claims as its source and destination."""
+        numbers, strange = self._numbers, dict[str, int]()
+        claimed = np.empty((2, len(frames)), dtype=np.int64)
+        for row, frame in enumerate(frames):
+            for way, name in enumerate((frame.src, frame.dst)):
+                number = numbers.get(name)
+                claimed[way, row] = strange.setdefault(name, len(numbers) + len(strange)) if number is None else number
+        return [*self._names, *strange] if strange else self._names, claimed[0], claimed[1]
+
+    def _sender_ranks(self, senders: Sequence[str], lane: Ints) -> Ints:
+        """(n,) numbers in the order of the true senders' names: `senders` first, then their lanes' own."""
+        ranks = self._src[lane]
+        numbers = [self._numbers.get(sender, -1) for sender in senders]
+        if min(numbers, default=0) >= 0:  # numbered in order of their names
+            ranks[: len(senders)] = numbers
+            return ranks
+        every = sorted({*self._names, *senders})
+        place = {name: number for number, name in enumerate(every)}
+        ranks = np.array([place[name] for name in self._names], dtype=np.int64)[ranks]
+        ranks[: len(senders)] = [place[sender] for sender in senders]
+        return ranks
+
+
+class Monitors:
+    """All monitors of one kernel."""
+
+    def __init__(
+        self,
+        placements: Sequence[MonitorPlacement],
+        links: Sequence[LinkSpec],
+        lanes: Mapping[str, Lane],
+        heap: list[Event],
+        observers: ObserverList,
+    ) -> None:
+        """Place monitors on numbered lanes. Raises `InputError` for a placement that matches no end of a link."""
+        self._heap = heap
+        self._observers = observers
+        self.slots: list[MonitorSlot] = []
+        numbered = sorted(lanes.values(), key=_number_of)
+        here = {Port(lane.dst, lane.link) for lane in numbered if lane.local}
+        ends = [(spec.name, spec.a, spec.b) for spec in links]
+        for placement in sorted(placements, key=_id_of):
+            local = [port for port in find_ends(placement, ends) if port in here]
+            if local:
+                self.slots.append(MonitorSlot(placement.id, make_monitor(placement), local, numbered))
+        for lane in numbered:
+            lane.send_monitors = tuple(slot for slot in self.slots if slot.listens(lane.number, False))
+            lane.arrival_monitors = tuple(slot for slot in self.slots if slot.listens(lane.number, True))
+
+    def begin(self) -> None:
+        """Have each served at time 0 first."""
+        for slot in self.slots:
+            self._schedule(slot, 0)
+
+    def take_blocks(self, blocks: Sequence[FrameBlock]) -> None:
+        """Show blocks that are sent, with the times at which they arrive."""
+        for slot in self.slots:
+            for block in blocks:
+                slot.take_block(block)
+
+    def serve(self, now: Time, slot: MonitorSlot) -> None:
+        """Hand a monitor what it has seen, and report its alerts. `ComponentError` where it breaks its contract."""
+        for alert in serve_monitor(slot.id, slot.monitor, now, slot.collect(now)):
+            self._observers.report_alert(now, slot.id, alert)
+        self._schedule(slot, now + slot.service_ns)
+
+    def _schedule(self, slot: MonitorSlot, due: Time) -> None:
+        slot.due = due
+        heappush(self._heap, ((due << 3) | MONITOR, "monitor", slot.id, 0, SERVE, slot))
+
+
+def _number_of(lane: Lane) -> int:
+    return lane.number
+
+
+def _id_of(placement: MonitorPlacement) -> str:
+    return placement.id

@@ -1,0 +1,82 @@
+"""What the observers of a kernel are told: frames at their fate, notes, alerts, truth, and labels.
+
+Every label is written here, whoever acted: a tap, an attack's agent or a sensor fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from skyrange.agent.blocks import FrameBlock
+from skyrange.agent.contracts import Observer, World
+from skyrange.agent.frames import Frame
+from skyrange.agent.messages import Note
+from skyrange.agent.monitors import Alert
+from skyrange.agent.verdicts import Label
+from skyrange.core.ids import FrameId
+from skyrange.core.time import Time
+from skyrange.kernel.lane import TapSlot
+from skyrange.kernel.stages import Stage
+
+
+class ObserverList:
+    """The observers of one kernel; `members` may be replaced between two steps."""
+
+    __slots__ = ("members",)
+
+    def __init__(self, members: Sequence[Observer]) -> None:
+        self.members = list(members)
+
+    def report_frames(self, frames: Sequence[Frame]) -> None:
+        """Tell of frames that have met their fate."""
+        for observer in self.members:
+            for frame in frames:
+                observer.on_frame(frame)
+
+    def report_blocks(self, blocks: Sequence[FrameBlock]) -> None:
+        """Tell of blocks of frames that have met their fate."""
+        for observer in self.members:
+            for block in blocks:
+                observer.on_block(block)
+
+    def report_note(self, now: Time, source: str, note: Note) -> None:
+        """Tell of what an agent, an engine, the world or the kernel noted."""
+        for observer in self.members:
+            observer.on_note(now, source, note)
+
+    def report_truth(self, now: Time, world: World) -> None:
+        """Tell that a tick of the world has ended."""
+        for observer in self.members:
+            observer.on_truth(now, world)
+
+    def report_alert(self, now: Time, detector: str, alert: Alert) -> None:
+        """Tell of an alert that a monitor raised."""
+        for observer in self.members:
+            observer.on_alert(now, detector, alert)
+
+    # ---------------------------------------------------------------- labels
+
+    def label_sending(self, now: Time, attack: Stage, agent: str, frame: FrameId) -> None:
+        """Label a frame that an attack's own agent sent."""
+        self._report_label(Label(now, attack.id, agent, "send", frame))
+
+    def label_tap_act(
+        self,
+        now: Time,
+        slot: TapSlot,
+        action: str,
+        frame: FrameId,
+        child: FrameId | None = None,
+        until: Time | None = None,
+    ) -> None:
+        """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
+        if slot.attack is not None:
+            self._report_label(Label(now, slot.attack.id, slot.name, action, frame, child, until))
+
+    def label_sensor_act(self, now: Time, attack: Stage, fault: str, act: FrameId) -> None:
+        """Label what a sensor fault did to a vehicle's sensor; `act` names the sensor as a link."""
+        self._report_label(Label(now, attack.id, fault, "sensor", act))
+
+    def _report_label(self, label: Label) -> None:
+        for observer in self.members:
+            observer.on_label(label)
