@@ -32,17 +32,17 @@ TOPICS: dict[str, dict[str, str]] = {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             SensorFault SensorAct Schedule AttackPlan""",
-        "Detectors": """DetectorPlugin DetectorContext Monitor MonitorPlacement ObservedFrames ObservedFrame Alert
+        "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin
             FlightApproval OperationalIntent ApprovalDecision Volume4D intent_id ApprovalRequest ApprovalResponse
             encode_approval decode_approval_request decode_approval_response""",
         "Avoidance": """AvoidancePlugin AvoidanceContext Avoidance AvoidanceLimits AvoidanceDecision AvoidanceAction
             Episode Own Tracks""",
-        "Radio media": """MediumPlugin MediumContext Medium RadioSpec RadioTable Listening Turn Waveform TxBatch
-            EmitterTable OnAir Sent Heard TransmissionFate ReceptionOutcome Surroundings ANY_CHANNEL""",
-        "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished Poses
-            InstanceStatus Source Airframe AIRFRAMES""",
+        "Radio media": """MediumPlugin MediumContext Medium MediumBase RadioSpec RadioTable Listening Turn Waveform
+            TxBatch EmitterTable OnAir Sent Heard TransmissionFate ReceptionOutcome Surroundings ANY_CHANNEL""",
+        "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished
+            Poses InstanceStatus Source Airframe AIRFRAMES""",
         "Agents": "Agent Inbox Arrival Outbox Departure Note Port FrameId",
         "Links and taps": "LinkSpec Channel Route Tap TapPlacement Frame Fate Verdict Pass Drop Delay Replace Inject",
         "Observers": "Observer FrameBlock Label World",
@@ -53,11 +53,12 @@ TOPICS: dict[str, dict[str, str]] = {
         "Errors": "SkyrangeError InputError Fault ComponentError DecodeError nearest",
     },
     "skyrange.analysis": {
-        "Runs": "load RunRecord summary write_report replay_monitor",
+        "Runs": "load RunRecord summary write_report",
         "Comparison": """load_pair Pair Interval compare_runs Difference compare_outcomes Agreement compare_autopilots
             compare_rates Parity""",
         "Remote ID": "hearings who_heard_whom overheard receivers_of decode_remote_id find_remote_id_faults",
         "MAVLink": "decode_mavlink name_mavlink",
+        "Detectors": "replay_monitor",
         "Figures": "trajectories_3d plan_view altitude track_deviation",
         "Captures": "Capture export_mavlink export_remote_id",
     },

@@ -10,7 +10,7 @@ import pytest
 from skyrange.agent import plugins
 from skyrange.agent.frames import Frame
 from skyrange.agent.links import LinkSpec
-from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, MEDIA, kinds
+from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, DETECTORS, MEDIA, kinds
 from skyrange.agent.verdicts import Pass, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time
@@ -36,6 +36,7 @@ def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.Monke
     monkeypatch.setattr(plugins, "_registered", {})
     assert set(kinds(APPROVALS)) == {"approve-all"}
     assert set(kinds(MEDIA)) == {"builtin"}  # test_radio_media
+    assert set(kinds(DETECTORS)) == {"heartbeat.gap"}  # test_broken_monitors
     assert set(kinds(AUTOPILOTS)) == {
         "ardupilot",
         "builtin",

@@ -123,6 +123,7 @@ class Outside(Lucky):
     """As a program is: it repeats the outcome alone, and cannot be copied."""
 
     repeatable: Any = "outcome"
+    runs_programs = True
     alive = 0
 
     def __init__(self, radios: Sequence[RadioSpec]) -> None:
@@ -137,12 +138,12 @@ class Outside(Lucky):
 
 
 def test_a_program_conforms_and_every_one_that_was_started_is_closed() -> None:
-    plugin = MediumPlugin(NoParams, lambda params, context: Ended(context.radios), "Runs elsewhere.", program=True)
+    plugin = MediumPlugin(NoParams, lambda params, context: Ended(context.radios), "Runs elsewhere.")
     Outside.alive = 0
     check_medium(plugin)
     assert Outside.alive == 0
-    with pytest.raises(NonConformance, match=r"medium Ended breaks medium\.copies"):
-        check_medium(MediumPlugin(NoParams, plugin.make, "Says nothing of a program."))
+    with pytest.raises(NonConformance, match=r"medium Silent breaks medium\.copies"):
+        check_medium(Silent)
 
 
 class Ended(Outside):
@@ -154,6 +155,12 @@ class Ended(Outside):
         if not self.ended:
             self.ended = True
             super().close()
+
+
+class Silent(Ended):
+    """Says nothing of a program."""
+
+    runs_programs = False
 
 
 @pytest.mark.parametrize(

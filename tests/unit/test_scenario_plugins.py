@@ -7,7 +7,6 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import jsonschema
@@ -18,12 +17,14 @@ from skyrange.agent import plugins
 from skyrange.agent.detectors import DetectorContext, DetectorPlugin
 from skyrange.agent.links import LinkSpec
 from skyrange.agent.messages import Inbox, Outbox
+from skyrange.agent.monitors import Alert, ObservedFrames
 from skyrange.agent.settings import Number, Params
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.contract import MediumContext, MediumPlugin
 from skyrange.radio.medium import BuiltinMedium
+from skyrange.record import load as load_run
 from skyrange.runtime.run import Run
 from skyrange.scenario.catalogue import SHIPPED, source_of
 from skyrange.scenario.emit import to_toml
@@ -71,13 +72,20 @@ class Gap(Params):
 class Listener:
     longer_s: float
     context: DetectorContext
+    service_ns: Time = 500 * NS_PER_MS
+
+    def observe(self, now: Time, frames: ObservedFrames) -> list[Alert]:
+        return [Alert(now, self.context.id, "test.gap", self.longer_s)] if now == 500 * NS_PER_MS else []
 
 
 class Counted(BuiltinMedium):
     """The builtin, with its closing counted."""
 
-    manifest: Mapping[str, Any] = MappingProxyType({"version": "7"})
     closed: int = 0
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        return {"version": "7"}
 
     def close(self) -> None:
         Counted.closed += 1
@@ -129,7 +137,7 @@ def _kinds(monkeypatch: pytest.MonkeyPatch) -> None:
     plugins.register(plugins.APPROVALS, "test.federated", ApprovalPlugin(Apart, federated, "Talks."))
     detector = DetectorPlugin(Gap, lambda params, context: Listener(params.longer_s, context), "Notes silences.")
     plugins.register(plugins.DETECTORS, "test.gap", detector)
-    plugins.register(plugins.MEDIA, "test.counted", MediumPlugin(Horizon, make_medium, "Counts.", program=True))
+    plugins.register(plugins.MEDIA, "test.counted", MediumPlugin(Horizon, make_medium, "Counts."))
 
 
 def faults(text: str) -> str:
@@ -204,18 +212,30 @@ def test_an_approval_that_leaves_an_operator_alone_is_blamed() -> None:
 
 def test_detectors_are_made_with_the_links_that_they_listen_to() -> None:
     text = FLEET + STRICT + '[[detectors]]\nid="silence"\nkind="test.gap"\n'
-    (built,) = wire(load_text(text)).wiring.monitors
-    assert (built.id, built.links) == ("silence", ["gcs:blue/b1", "gcs:green/g1"])
-    assert built.side == "gcs"
-    monitor = built.make()
+    rig = wire(load_text(text))
+    (built,) = rig.wiring.monitors
+    assert (built.id, built.links, built.side) == ("silence", ("gcs:*",), "gcs")
+    monitor: Any = built.make()
     assert monitor.longer_s == 3.0
     assert list(monitor.context.vehicles) == ["blue/b1", "green/g1"]
     assert built.make() is not monitor
-    chosen = wire(load_text(text + 'links=["log:*", "approval:blue"]\nside="*"\nparams.longer_s=9\n')).wiring.monitors[
-        0
-    ]
-    assert set(chosen.links) == {"approval:blue", "log:blue/b1", "log:green/g1"}
-    assert (chosen.side, chosen.make().longer_s) == ("*", 9.0)
+    (row,) = rig.header["detectors"]
+    assert row == {
+        "id": "silence", "kind": "test.gap", "links": ["gcs:*"], "side": "gcs", "params": {"longer_s": 3.0}
+    }  # fmt: skip
+    (chosen,) = wire(
+        load_text(text + 'links=["log:*", "approval:blue"]\nside="*"\nparams.longer_s=9\n')
+    ).wiring.monitors
+    other: Any = chosen.make()
+    assert (chosen.links, chosen.side, other.longer_s) == (("log:*", "approval:blue"), "*", 9.0)
+    assert "detectors" not in wire(load_text(FLEET + STRICT)).header
+
+
+def test_what_detectors_raise_is_recorded(tmp_path: Path) -> None:
+    run = Run.start(load_text(FLEET + STRICT + '[[detectors]]\nid="silence"\nkind="test.gap"\n'), tmp_path / "a")
+    run.execute()
+    (row,) = load_run(tmp_path / "a").table("alerts").to_pylist()
+    assert (row["detector"], row["subject"], row["kind"], row["score"]) == ("silence", "silence", "test.gap", 3.0)
 
 
 def test_detectors_read_back_as_they_were_written() -> None:
@@ -229,8 +249,8 @@ def test_detectors_read_back_as_they_were_written() -> None:
     ("text", "words"),
     [
         ('id="a"\nkind="test.gapp"', "expected a kind of detector that is installed. Did you mean 'test.gap'?"),
-        ('id="a"\nkind="test.gap"\nlinks=["gsc:*"]', "detectors.a.links: gsc:* — expected a link of the scenario"),
-        ('id="a"\nkind="test.gap"\nlinks=["log:*"]', "side: gcs — expected an end of log:blue/b1: blue/b1.companion"),
+        ('id="a"\nkind="test.gap"\nlinks=["gsc:*"]', "detectors.a.links: gsc:* — expected a link"),
+        ('id="a"\nkind="test.gap"\nlinks=["log:*"]', "detectors.a.side: gcs — expected an end of log:blue/b1"),
         ('id="a"\nkind="test.gap"\nlinks=[]', "detectors.a.links: [] — expected at least 1 of them"),
         ('id="a"\nkind="test.gap"\nparams.longer_s=0', "detectors.a.params.longer_s: 0 — expected more than 0"),
         ('id="a"\nkind="test.gap"\n[[detectors]]\nid="a"\nkind="test.gap"', "an id that no other detector has"),

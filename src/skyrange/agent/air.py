@@ -216,11 +216,20 @@ class Medium(Protocol):
 
     What it answers depends neither on how the time is cut into `advance`s, nor, but for interference, on what else is
     on the air: chance is addressed by the radios' names and by times, never by rows or counters. Its state is
-    deep-copyable; one that is a program may refuse `copy.deepcopy` with a `ComponentError`.
+    deep-copyable; one that runs programs may refuse `copy.deepcopy` with a `ComponentError`.
+
+    Derive from `MediumBase` to get the members that a medium without programs need not think of.
     """
 
-    repeatable: Literal["bytes", "outcome"]
-    """Whether the same inputs give the same answers to the byte; "outcome" for a program that cannot promise it."""
+    @property
+    def repeatable(self) -> Literal["bytes", "outcome"]:
+        """Whether the same inputs give the same answers to the byte; "outcome" for a program that cannot promise it."""
+        ...
+
+    @property
+    def runs_programs(self) -> bool:
+        """Whether it runs programs or reaches for some: it then uses processes, sockets or files."""
+        ...
 
     radios: Sequence[RadioSpec]
     """In the order of every table's rows: sorted by name."""
@@ -261,3 +270,19 @@ class Medium(Protocol):
     def close(self) -> None:
         """End what it started, such as a program. Called once the run has ended, however it did; again does nothing."""
         ...
+
+
+class MediumBase:
+    """Members of a medium that runs no programs and repeats to the byte; override those that differ."""
+
+    lookahead_ns: Time = 0
+    repeatable: Literal["bytes", "outcome"] = "bytes"
+    runs_programs: bool = False
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """Nothing."""
+        return {}
+
+    def close(self) -> None:
+        """There is nothing to end."""

@@ -21,8 +21,6 @@ class DetectorContext:
 
     id: str
     """The detector's id, unique among the detectors of the scenario."""
-    links: Sequence[str]
-    """The names of the links that it listens to, in the range's order."""
     vehicles: Sequence[str]
     """Every vehicle id of the scenario (`blue/b1`), in order."""
     origin: Origin
@@ -32,6 +30,6 @@ class DetectorContext:
 
 @dataclass(frozen=True, slots=True)
 class DetectorPlugin(Plugin[DetectorContext, Monitor]):
-    """A kind of detector. `make` returns a monitor."""
+    """A kind of detector. `make` returns a new monitor at each call: one for each run, and each process of it."""
 
     group: ClassVar[str] = DETECTORS

@@ -25,6 +25,7 @@ from skyrange.detect.telemetry import read_messages
 
 KIND = "heartbeat.gap"
 """The kind of its alerts."""
+ABOUT = "Alerts where no heartbeat of a MAVLink component has come over a link for longer than a limit."
 
 SERVICE_NS: Time = 500 * NS_PER_MS
 """How often silence is looked for: what an alert comes late at most."""
@@ -34,13 +35,16 @@ class HeartbeatGapParams(Params):
     """Parameters of the heartbeat gap detector."""
 
     limit_s: Number = Field(
-        default=5.0, ge=1.0, le=3600.0, description="longest silence between two heartbeats that is no alert, in s"
+        default=5.0,
+        ge=1.0,
+        le=3600.0,
+        description="Longest silence between two heartbeats that is no alert, in seconds.",
     )
     component: Whole = Field(
         default=1,
         ge=1,
         le=255,
-        description="MAVLink component id whose heartbeats count: 1 an autopilot, 190 a ground station",
+        description="MAVLink component id whose heartbeats count: 1 an autopilot, 190 a ground station.",
     )
 
 
@@ -90,13 +94,9 @@ class HeartbeatGap:
         )
 
 
-def make_heartbeat_gap(params: HeartbeatGapParams, context: DetectorContext) -> Monitor:
+def make_heartbeat_gap(params: HeartbeatGapParams, context: DetectorContext | None = None) -> Monitor:
     """A new detector."""
     return HeartbeatGap(params)
 
 
-HEARTBEAT_GAP = DetectorPlugin(
-    HeartbeatGapParams,
-    make_heartbeat_gap,
-    "Alerts where no heartbeat of a MAVLink component has come over a link for longer than a limit.",
-)
+HEARTBEAT_GAP = DetectorPlugin(HeartbeatGapParams, make_heartbeat_gap, ABOUT)

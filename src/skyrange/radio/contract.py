@@ -35,9 +35,6 @@ class MediumPlugin(Plugin[MediumContext, Medium]):
 
     group: ClassVar[str] = MEDIA
 
-    program: bool = False
-    """Whether its media are programs, which use processes, sockets or files, and cannot be copied."""
-
 
 def _make_builtin(params: NoParams, context: MediumContext) -> Medium:
     from skyrange.radio.medium import BuiltinMedium  # slow to import, and a scenario's check does not need it

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from skyrange.agent.air import (
     Floats,
     Heard,
     Ints,
+    MediumBase,
     OnAir,
     RadioSpec,
     RadioTable,
@@ -75,15 +75,11 @@ def _run(
                 launch(setting, sky, radios, pos, vel, air, w, start, free)
 
 
-class BuiltinMedium:
+class BuiltinMedium(MediumBase):
     """A `Medium` for Wi-Fi and Bluetooth at 2.4 GHz, over open ground or in a city.
 
     Its clock starts with the first `advance`. Deep copies continue alike; they share the city.
     """
-
-    lookahead_ns: Time = 0
-    repeatable: Literal["bytes", "outcome"] = "bytes"
-    manifest: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(
         self,
@@ -136,9 +132,6 @@ class BuiltinMedium:
         """Whether nothing waits or is on the air."""
         waiting = int(self._air.counts[0])
         return waiting == 0 and not self._refused and not (self._air.slot[table.STATE] == table.ON_AIR).any()
-
-    def close(self) -> None:
-        """Nothing: it runs in this process."""
 
     def offer(self, now: Time, requests: TxBatch) -> None:
         """Take frames; those that cannot exist (size, channel, waveform, power) are REFUSED in the next result."""

@@ -58,4 +58,4 @@ def build_aircraft(
 
 def engines_told(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
     """What the manifest says of the autopilots' engines, with the program that each runs, if it is one."""
-    return [{"kind": mount.engine.name, **getattr(mount.engine, "manifest", {})} for mount in mounts]
+    return [{"kind": mount.engine.name, **mount.engine.manifest} for mount in mounts]

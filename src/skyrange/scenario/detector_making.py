@@ -1,55 +1,52 @@
-"""Placement of a scenario's detectors: the monitor of each and the link ends at which it listens."""
+"""Detectors of a scenario made: monitors, the link ends at which they listen, and their rows in the manifest."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from fnmatch import fnmatchcase
+from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 from skyrange.agent.detectors import DetectorContext
 from skyrange.agent.links import LinkSpec
-from skyrange.agent.monitors import MonitorPlacement, is_side
+from skyrange.agent.monitors import MonitorPlacement, find_ends
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import Fault, InputError
 from skyrange.core.ids import vehicle_id
-from skyrange.scenario.detectors import DetectorTable
 from skyrange.scenario.schema import Scenario
 
 
-def build_detectors(scenario: Scenario, links: Sequence[LinkSpec]) -> list[MonitorPlacement]:
-    """Place the scenario's detectors, in order. Raises `InputError` for links, ends and parameters that do not fit."""
+def build_detectors(
+    scenario: Scenario, links: Sequence[LinkSpec]
+) -> tuple[list[MonitorPlacement], list[dict[str, Any]]]:
+    """The scenario's detectors in order, and the manifest's rows of them.
+
+    Raises `InputError` for links, ends and parameters that do not fit the scenario.
+    """
     vehicles = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet]
+    ends = [(spec.name, spec.a, spec.b) for spec in links]
+    origin, chance = scenario.origin.datum, Chance(scenario.seed)
+    placements, rows = [], []
     faults: list[Fault] = []
-    built = []
     for table in scenario.detectors:
-        where = f"detectors.{table.id}"
-        chosen = [spec for spec in links if any(fnmatchcase(spec.name, pattern) for pattern in table.links)]
-        faults += _link_faults(table, where, links, chosen)
-        names = [spec.name for spec in chosen]
-        context = DetectorContext(
-            table.id, names, vehicles, scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
-        )
-        make = partial(table.plugin, table.settings, context)
+        context = DetectorContext(table.id, vehicles, origin, scenario.epoch, chance)
+        placement = MonitorPlacement(table.id, partial(table.plugin, table.settings, context), table.links, table.side)
         try:
-            make()  # what does not fit is said before anything starts
+            find_ends(placement, ends)
         except InputError as error:
-            faults += [Fault(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
-            continue
-        built.append(MonitorPlacement(table.id, make, names, table.side))
+            where = [fault.where.replace("monitors.", "detectors.", 1) for fault in error.faults]
+            faults += [Fault(w, f.value, f.expected, f.hint) for w, f in zip(where, error.faults, strict=True)]
+        try:
+            placement.make()  # what does not fit is said before anything starts
+        except InputError as error:
+            where = [f"detectors.{table.id}.params.{fault.where}" for fault in error.faults]
+            faults += [Fault(w, f.value, f.expected, f.hint) for w, f in zip(where, error.faults, strict=True)]
+        placements.append(placement)
+        rows.append(table.model_dump(mode="json", exclude_none=True))
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
-    return built
+    return placements, rows
 
 
-def _link_faults(
-    table: DetectorTable, where: str, links: Sequence[LinkSpec], chosen: Sequence[LinkSpec]
-) -> Iterator[Fault]:
-    """Patterns that match no link, and links that have no such end."""
-    names = [spec.name for spec in links]
-    for pattern in table.links:
-        if not any(fnmatchcase(name, pattern) for name in names):
-            yield Fault(f"{where}.links", pattern, "a link of the scenario", nearest(pattern, names))
-    for spec in chosen:
-        if not any(is_side(end, table.side) for end in (spec.a, spec.b)):
-            yield Fault(f"{where}.side", table.side, f"an end of {spec.name}: {spec.a} or {spec.b}")
-            return
+def describe_monitor(placement: MonitorPlacement) -> dict[str, Any]:
+    """What the manifest says of a detector that no scenario declares."""
+    return {"id": placement.id, "links": list(placement.links), "side": placement.side}

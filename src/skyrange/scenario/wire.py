@@ -22,7 +22,7 @@ from skyrange.scenario.aircraft import build_aircraft, engines_told
 from skyrange.scenario.approvals import build_approvals
 from skyrange.scenario.attack_making import check_transmitters, make_attack_context, make_attacks
 from skyrange.scenario.check import check
-from skyrange.scenario.detector_making import build_detectors
+from skyrange.scenario.detector_making import build_detectors, describe_monitor
 from skyrange.scenario.flight import flight_plan
 from skyrange.scenario.medium import build_radio, describe_medium, make_lookout
 from skyrange.scenario.network import build_network
@@ -73,10 +73,10 @@ def wire(
 ) -> Rig:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
-    `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern. With `local` only what
-    lives at these endpoints is built, as a process needs it that runs a part of the range: world, oracle and autopilots
-    where `oracle` is among them. `motion` is the command line's word that vehicles outside may be moved; the
-    scenario's is needed too.
+    `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
+    declares. With `local` only what lives at these endpoints is built, as a process needs it that runs a part of the
+    range: world, oracle and autopilots where `oracle` is among them. `motion` is the command line's word that vehicles
+    outside may be moved; the scenario's is needed too.
     """
     city = build_city(scenario)
     scenario = placed(scenario, city)
@@ -93,7 +93,8 @@ def wire(
         raise InputError(f"scenario {scenario.name}", faults)
     approvals = build_approvals(scenario, city)
     links += [*made.links, *(spec for service in approvals for spec in service.links)]
-    placements = [*build_detectors(scenario, links), *monitors]
+    detectors, rows = build_detectors(scenario, links)
+    rows += map(describe_monitor, monitors)
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
     air = build_radio(scenario, city, Chance(scenario.seed), made.radios, here)
@@ -125,7 +126,7 @@ def wire(
         watchers=air.watchers,
         taps=[*made.taps, *taps],
         attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks)],
-        monitors=placements,
+        monitors=[*detectors, *monitors],
         world=world,
         engines=engines,
         local=local,
@@ -140,15 +141,10 @@ def wire(
         from_seconds(scenario.duration_s),
         make_header(scenario, city, links, plans)
         | {"attacks": made.rows, "engines": engines_told(engines), **describe_medium(scenario, air.oracle)}
-        | ({"detectors": [_detector_row(placement) for placement in placements]} if placements else {}),
+        | ({"detectors": rows} if rows else {}),
         make_attachments(scenario, plans, city),
         air.oracle,
     )
-
-
-def _detector_row(placement: MonitorPlacement) -> dict[str, Any]:
-    """What the manifest says of a detector."""
-    return {"id": placement.id, "links": list(placement.links), "side": placement.side}
 
 
 def _elsewhere(plan: AttackPlan) -> AttackPlan:

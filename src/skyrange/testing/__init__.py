@@ -1,4 +1,4 @@
-"""Conformance checks for plugin authors: agents, taps, monitors, autopilot engines, approvals, attacks and radio media.
+"""Conformance checks for plugin authors: agents, taps, engines, approvals, attacks, avoidance, monitors, media.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from skyrange.testing.agents import check_agent
     from skyrange.testing.approval_services import check_approval
     from skyrange.testing.attacks import check_attack
+    from skyrange.testing.avoidance import check_avoidance
     from skyrange.testing.engines import check_engine
     from skyrange.testing.mail import Letter, Postbag
     from skyrange.testing.media import check_medium
@@ -30,6 +31,7 @@ __all__ = [
     "check_agent",
     "check_approval",
     "check_attack",
+    "check_avoidance",
     "check_engine",
     "check_medium",
     "check_monitor",

@@ -8,6 +8,7 @@ from skyrange.testing.agents import AGENT
 from skyrange.testing.approval_services import SERVICE
 from skyrange.testing.approvals import APPROVAL
 from skyrange.testing.attacks import ATTACK
+from skyrange.testing.avoidance import AVOIDANCE
 from skyrange.testing.engines import ENGINE
 from skyrange.testing.media import MEDIUM
 from skyrange.testing.monitors import MONITOR
@@ -22,6 +23,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Approval services: `check_approval`": SERVICE,
     "Attacks: `check_attack`": ATTACK,
     "Radio media: `check_medium`": MEDIUM,
+    "Avoidance: `check_avoidance`": AVOIDANCE,
     "Monitors: `check_monitor`": MONITOR,
 }
 _HEAD = """\

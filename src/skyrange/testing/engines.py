@@ -36,8 +36,6 @@ class EngineCase:
     world: Callable[[Sequence[VehicleSpec]], World]
     letters: Sequence[Letter] | None
     until: Time
-    program: bool = False
-    """Whether its plugin says that it runs programs."""
 
     def make(self, specs: Sequence[VehicleSpec] | None = None, name: str = "checked") -> Engine:
         """A fresh engine for some of the aircraft, or for all."""
@@ -56,7 +54,7 @@ class EngineCase:
     @cached_property
     def runs_programs(self) -> bool:
         """Whether it starts programs: these need sockets and files, and cannot be copied."""
-        return self.program or self.make().runs_programs
+        return self.make().runs_programs
 
     def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
         """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
@@ -98,7 +96,7 @@ def check_engine(
     def make(name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> Engine:
         return plugin(settings, AutopilotContext(name, specs, origin, epoch, chance))
 
-    case = EngineCase(make, specs, world, mail, until, plugin.program)
+    case = EngineCase(make, specs, world, mail, until)
     ENGINE.check(f"engine {name or type(case.make()).__name__}", case)
 
 

@@ -55,10 +55,9 @@ Row = tuple[object, ...]
 
 @dataclass
 class MediumCase:
-    """A medium to be checked: how a fresh one is made of radios, and whether it is a program."""
+    """A medium to be checked: how a fresh one is made of radios."""
 
     factory: Callable[[Sequence[RadioSpec]], Medium]
-    program: bool = False
     _open: list[Medium] = field(default_factory=list)
 
     def make(self, of: Sequence[RadioSpec]) -> Medium:
@@ -81,6 +80,11 @@ class MediumCase:
         """Whether the medium says that it repeats to the byte."""
         return self.make(radios()).repeatable == "bytes"
 
+    @property
+    def runs_programs(self) -> bool:
+        """Whether the medium says that it runs programs: these need sockets and files, and need not be copied."""
+        return self.make(radios()).runs_programs
+
 
 def check_medium(
     medium: MediumPlugin | Callable[[Sequence[RadioSpec]], Medium],
@@ -91,13 +95,13 @@ def check_medium(
     """Check that the media of a plugin with `params`, or those that a function makes, keep every rule of `MEDIUM`.
 
     A function is called with radios, and returns a fresh medium of them at each call, all alike, over open ground. Of a
-    medium that does not repeat to the byte, nothing is asked that compares two of them; of a plugin that says that it
-    is a program, nothing that only code within this process can keep. Raises `NonConformance` at the first broken
+    medium that does not repeat to the byte, nothing is asked that compares two of them; of one that runs programs,
+    nothing that only code within this process can keep. Raises `NonConformance` at the first broken
     rule; `name` stands in it for the medium's class.
     """
     if isinstance(medium, MediumPlugin):
         plugin, settings = medium, medium.params.model_validate(dict(params or {}))
-        case = MediumCase(lambda of: plugin(settings, MediumContext(of, Chance(7))), plugin.program)
+        case = MediumCase(lambda of: plugin(settings, MediumContext(of, Chance(7))))
     else:
         case = MediumCase(medium)
     try:
@@ -251,10 +255,10 @@ def _repeatable(case: MediumCase) -> None:
 @MEDIUM.rule(
     "pure",
     "Reads no clock, draws no chance of its own, sleeps never; opens no file, socket or thread. Not asked of one that "
-    "is a program.",
+    "runs programs.",
 )
 def _pure(case: MediumCase) -> None:
-    if case.program:
+    if case.runs_programs:
         return
     live(case.make(radios()), requests())
     live(case.make(radios()), requests(), call=watched)
@@ -262,14 +266,14 @@ def _pure(case: MediumCase) -> None:
 
 @MEDIUM.rule(
     "copies",
-    "Deep-copied midway, goes on as it would have, and so does its copy: they share no state. One that is a program "
-    "may refuse with a ComponentError.",
+    "Deep-copied midway, goes on as it would have, and so does its copy: they share no state. One that runs "
+    "programs may refuse with a ComponentError.",
 )
 def _copies(case: MediumCase) -> None:
     middle = 1_010 * NS_PER_MS  # advertising events are under way
     trunk = case.make(radios())
     live(trunk, requests(), until=middle)
-    if case.program:
+    if case.runs_programs:
         try:
             branch = case.add(copy.deepcopy(trunk))
         except ComponentError:

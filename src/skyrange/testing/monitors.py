@@ -6,13 +6,18 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from skyrange.agent.detectors import DetectorContext, DetectorPlugin
 from skyrange.agent.monitors import Alert, Monitor, ObservedFrame, ObservedFrames, find_problem
 from skyrange.agent.payloads import Payloads
+from skyrange.core.chance import Chance
+from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, ceil_to
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, ceil_to
 from skyrange.testing.driving import copied
 from skyrange.testing.form import MAX_TEXT
 from skyrange.testing.hostile import forged, garbage
@@ -54,19 +59,26 @@ class MonitorCase:
 
 
 def check_monitor(
-    make: Callable[[], Monitor],
+    monitor: DetectorPlugin | Callable[[], Monitor],
+    params: Mapping[str, Any] | None = None,
     *,
     ports: Sequence[Port] = PORTS,
     payloads: Sequence[bytes] = (),
     until: Time = 10 * NS_PER_S,
     name: str | None = None,
 ) -> None:
-    """Check that the monitors which `make()` returns keep every rule of `MONITOR`.
+    """Check that the monitors of a plugin with `params`, or those that a function makes, keep every rule of `MONITOR`.
 
-    Each call of `make` returns a new monitor, all alike. `payloads` are seen at `ports`, received and sent by turns,
-    evenly over 0…`until` (ns); without any, well-formed MAVLink of every message is. Raises `NonConformance` at the
-    first broken rule; `name` stands in it for the monitor's class.
+    A function returns a new monitor at each call, all alike. `payloads` are seen at `ports`, received and sent by
+    turns, evenly over 0…`until` (ns); without any, well-formed MAVLink of every message is. Raises `NonConformance`
+    at the first broken rule; `name` stands in it for the monitor's class.
     """
+    if isinstance(monitor, DetectorPlugin):
+        vehicles = sorted({port.link.partition(":")[2] for port in ports})
+        context = DetectorContext("checked", vehicles, Origin(40.778, -73.955), Epoch(0), Chance(7))
+        make: Callable[[], Monitor] = partial(monitor, monitor.params.model_validate(dict(params or {})), context)
+    else:
+        make = monitor
     case = MonitorCase(make, tuple(ports), payloads or list(forged())[::3], until)
     MONITOR.check(f"monitor {name or type(make()).__name__}", case)
 

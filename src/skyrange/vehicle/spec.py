@@ -59,9 +59,6 @@ class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
 
     group: ClassVar[str] = AUTOPILOTS
 
-    program: bool = False
-    """Whether its engines run programs or reach for them, so that they use processes, sockets or files and cannot be
-    copied."""
     signs: bool = False
     """Whether they obey `VehicleSpec.signing_key`."""
     opened_ports: Callable[[Any, int], Sequence[int]] = _opens_none

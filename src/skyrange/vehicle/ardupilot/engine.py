@@ -24,7 +24,6 @@ ARDUPILOT = AutopilotPlugin(
     Options,
     _make,
     "Flies ArduPilot's own ArduCopter, a program for each aircraft.",
-    program=True,
     signs=True,
     opened_ports=_opened_ports,
 )

@@ -144,9 +144,6 @@ def _make(options: Options, context: AutopilotContext) -> External:
 
 
 EXTERNAL = AutopilotPlugin(
-    Options,
-    _make,
-    "Connects to vehicles that the range did not start: real ones, or foreign simulations.",
-    program=True,
+    Options, _make, "Connects to vehicles that the range did not start: real ones, or foreign simulations."
 )
 """The autopilot `external`. Raises `InputError` as `External` does."""
