@@ -14,7 +14,7 @@ from skyrange.study.report import believing, chain, effecttable, hearing
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.spread import Interval
 from skyrange.study.subject import Subject
-from skyrange.study.twins import draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.twin_figures import draw_departures, draw_twin_heights, draw_twin_plan
 from tests.unit.study_sample import SampleRun
 
 S = 1_000_000_000

@@ -14,7 +14,7 @@ from skyrange.codec.mavlink import Packer, dialect
 from skyrange.core.geodesy import Origin
 from skyrange.study import figures
 from skyrange.study.linkstats import link_stats, summed
-from skyrange.study.palette import OKABE_ITO, PAPER, base_colours, contrast, ink, shades
+from skyrange.study.palette import OKABE_ITO, PAPER, base_colours, contrast, shades, theme_colour
 from skyrange.study.series import belief_tracks, calm_ns, gaps_m, happenings, hostile_acts, truth_tracks
 from skyrange.study.svg import format_tick, path_data, ticks
 from skyrange.study.thin import kept_rows
@@ -190,7 +190,7 @@ def test_colours_without_a_wish_come_from_okabe_ito_and_stand_out() -> None:
     assert {chosen["a"], chosen["c"], chosen["e"]} <= set(OKABE_ITO[1:])
     assert len({chosen[key] for key in "acde"}) == 4
     for colour in (*OKABE_ITO, "#000000", "#ffffff", "#0000ff"):
-        for each in (ink(colour), *shades(colour, 5)):
+        for each in (theme_colour(colour), *shades(colour, 5)):
             assert contrast(each.light, PAPER["light"]) >= 3.0  # WCAG 2.2, 1.4.11
             assert contrast(each.dark, PAPER["dark"]) >= 3.0
     assert len(set(shades("#009e73", 3))) == 3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyrange.study.deviation import deviations_m
-from skyrange.study.marks import Mark, alarming, by_weight, marks, said, told_once, undoing
+from skyrange.study.marks import Mark, alarming, drawing_order, find_mishaps, said, told_once, undoing
 from skyrange.study.series import EMPTY_TRACK, Happening, Track, Vehicle
 from skyrange.study.symbols import draw_mark
 
@@ -37,13 +37,13 @@ def test_marks_stand_where_the_aircraft_truly_was_in_time_order():
         event("event.crash", about="green/g1"),
         event("event.takeoff"),
     ]
-    found = marks(events, {"blue/b1": TRACK, "green/g1": EMPTY_TRACK})
+    found = find_mishaps(events, {"blue/b1": TRACK, "green/g1": EMPTY_TRACK})
     assert [(mark.kind, mark.enu_m) for mark in found] == [
         ("failsafe", pytest.approx((25, 12.5, 5))),
         ("collision", pytest.approx((50, 25, 10))),
         ("crash", pytest.approx((90, 45, 18))),
     ]
-    assert [mark.words for mark in found] == [
+    assert [mark.description for mark in found] == [
         "blue/b1: RTL for battery failsafe, 2.5 s",
         "blue/b1: collision with green/g1 at 9.9 m/s, 5.0 s",
         "blue/b1: crash, 9.0 s",
@@ -81,7 +81,7 @@ def test_what_undid_a_flight_is_its_first_collision_or_crash():
 def test_a_failsafe_does_not_cover_a_crash():
     kinds = ("crash", "failsafe", "collision", "breach")
     found = [Mark(time, "a/b", kind, (0.0, 0.0, 0.0), "") for time, kind in enumerate(kinds)]
-    assert [mark.kind for mark in by_weight(found)] == ["failsafe", "breach", "crash", "collision"]
+    assert [mark.kind for mark in drawing_order(found)] == ["failsafe", "breach", "crash", "collision"]
 
 
 def written(mark: Mark, x: float, y: float) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study import svg
-from skyrange.study.marks import Mark, by_weight
+from skyrange.study.marks import Mark, drawing_order
 from skyrange.study.series import Track, Vehicle
 from skyrange.study.subject import Subject
 from skyrange.study.symbols import draw_mark
@@ -60,7 +60,7 @@ def draw_box(
         shadow[:, 2] = low[2]
         parts += subject.draw_line(vehicle, project(shadow), "0.22", "1.2")
         parts += subject.draw_line(vehicle, project(track.enu_m[rows]))
-    parts += [draw_mark(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
+    parts += [draw_mark(mark, *project(np.array([mark.enu_m]))[0].tolist()) for mark in drawing_order(marks)]
     if rise > 1.05:
         parts.append(svg.label(width - 12, height - 8, f"up drawn ×{rise:.1f}", "end", 10, {"opacity": ".6"}))
     return parts

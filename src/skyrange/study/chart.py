@@ -87,7 +87,7 @@ def _legend(subject: Subject, shown: Collection[str], right: float, y: float) ->
     parts = []
     for operator, vehicle in first.items():
         place: svg.Attributes = {"x": right, "y": y, "text-anchor": "end", "font-size": 11}
-        look = {**svg.BOLD, "fill": subject.inks[vehicle.id].light}
+        look = {**svg.BOLD, "fill": subject.colours[vehicle.id].light}
         parts.append(svg.element("text", {**place, **look}, text=operator))
         right -= 7 * len(operator) + 12
     return parts

@@ -24,7 +24,7 @@ class Mark:
     vehicle: str
     kind: str
     enu_m: tuple[float, float, float]
-    words: str
+    description: str
 
     @property
     def violent(self) -> bool:
@@ -40,7 +40,7 @@ def alarming(row: Happening) -> str:
     return _KINDS.get(row.kind, "")
 
 
-def marks(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark]:
+def find_mishaps(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark]:
     """The mishaps of aircraft whose true position is known, in order of time."""
     found = []
     for row in events:
@@ -94,11 +94,11 @@ def _what(row: Happening) -> str:
     return row.kind.partition(".")[2].replace("_", " ")
 
 
-def by_weight(found: Iterable[Mark]) -> list[Mark]:
+def drawing_order(found: Iterable[Mark]) -> list[Mark]:
     """Drawing order: collisions and crashes last, so that no failsafe covers them."""
     return sorted(found, key=lambda mark: mark.violent)
 
 
-def marks_of(record: Record) -> list[Mark]:
+def read_mishaps(record: Record) -> list[Mark]:
     """The mishaps of a run."""
-    return marks(happenings(record, "events"), truth_tracks(record))
+    return find_mishaps(happenings(record, "events"), truth_tracks(record))

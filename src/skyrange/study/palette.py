@@ -57,7 +57,7 @@ _TO_LAB = np.array(
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
-class Ink(NamedTuple):
+class ThemeColour(NamedTuple):
     """A colour for light and for dark pages, each `#rrggbb`."""
 
     light: str
@@ -78,19 +78,19 @@ def base_colours(wanted: dict[str, str]) -> dict[str, str]:
     return result
 
 
-def ink(colour: str) -> Ink:
+def theme_colour(colour: str) -> ThemeColour:
     """`colour` with its lightness changed as little as needed for contrast on light and on dark pages."""
-    return Ink(_against(colour, PAPER["light"], -0.02), _against(colour, PAPER["dark"], +0.02))
+    return ThemeColour(_against(colour, PAPER["light"], -0.02), _against(colour, PAPER["dark"], +0.02))
 
 
-def shades(colour: str, count: int) -> list[Ink]:
+def shades(colour: str, count: int) -> list[ThemeColour]:
     """`count` shades of `colour` from darker to lighter; with more than five, the five repeat."""
     steps = min(max(count, 1), 5)
     offsets = [0.0] if steps == 1 else list(np.linspace(-0.5, 0.5, steps) * min(0.08 * (steps - 1), 0.24))
-    plain = ink(colour)
+    plain = theme_colour(colour)
     light = _spread(plain.light, offsets, PAPER["light"])
     dark = _spread(plain.dark, offsets, PAPER["dark"])
-    made = [Ink(*pair) for pair in zip(light, dark, strict=True)]
+    made = [ThemeColour(*pair) for pair in zip(light, dark, strict=True)]
     return [made[index % steps] for index in range(count)]
 
 

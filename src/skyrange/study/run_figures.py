@@ -15,7 +15,7 @@ from skyrange.study.boxes import draw_box
 from skyrange.study.chart import draw_chart
 from skyrange.study.deviation import deviations_m
 from skyrange.study.ground import fit_map
-from skyrange.study.marks import Mark, by_weight, marks_of
+from skyrange.study.marks import Mark, drawing_order, read_mishaps
 from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
 from skyrange.study.subject import Subject, subject_of
 from skyrange.study.svg import Figure, format_number
@@ -41,7 +41,7 @@ def trajectories_3d(record: Record, operators: Sequence[str] | None = None, sour
 
 def overview(record: Record) -> Figure:
     """True paths of all aircraft in one box, with buildings, axes in metres, and marks as in `plan_view`."""
-    return draw_overview(subject_of(record), truth_tracks(record), marks_of(record))
+    return draw_overview(subject_of(record), truth_tracks(record), read_mishaps(record))
 
 
 def plan_view(record: Record, waypoints: Mapping[str, Floats] | None = None, width: float = 760.0) -> Figure:
@@ -50,7 +50,7 @@ def plan_view(record: Record, waypoints: Mapping[str, Floats] | None = None, wid
     `waypoints` are (n, 3) ENU metres by vehicle id, drawn as small diamonds (`study.waypoints.uploaded` reads them
     from the record). Crosses mark collisions and crashes, triangles failsafes and fence breaches. `width` is in pixels.
     """
-    return draw_plan(subject_of(record), truth_tracks(record), waypoints or {}, width, marks_of(record))
+    return draw_plan(subject_of(record), truth_tracks(record), waypoints or {}, width, read_mishaps(record))
 
 
 def altitude(record: Record, width: float = 760.0, height: float = 300.0) -> Figure:
@@ -102,7 +102,7 @@ def draw_plan(
     body = [base.draw_buildings()]
     for vehicle in subject.fleet:
         body += _draw_vehicle(subject, vehicle, tracks[vehicle.id], waypoints.get(vehicle.id), pixels)
-    body += [draw_mark(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
+    body += [draw_mark(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in drawing_order(marks)]
     body += base.draw_legend()
     title = f"Plan view of {subject.name}"
     words = f"{len(subject.fleet)} aircraft; north is up"
@@ -141,7 +141,7 @@ def _draw_vehicle(
         x, y = pixels(np.array([vehicle.home_enu_m]))[0]
         home = svg.element(
             "g",
-            {"class": f"home ink-{subject.index(vehicle)}", "fill": subject.inks[vehicle.id].light},
+            {"class": f"home ink-{subject.index(vehicle)}", "fill": subject.colours[vehicle.id].light},
             svg.element("circle", {"cx": x, "cy": y, "r": 4.5}),
             svg.element("circle", {"cx": x, "cy": y, "r": 1.8, "fill": "#fff"}),
             svg.title(f"{vehicle.id}: home"),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study import svg
-from skyrange.study.palette import Ink, base_colours, shades
+from skyrange.study.palette import ThemeColour, base_colours, shades
 from skyrange.study.series import Record, Vehicle, operators, vehicles
 
 
@@ -21,7 +21,7 @@ class Subject:
 
     name: str
     fleet: Sequence[Vehicle]
-    inks: Mapping[str, Ink]
+    colours: Mapping[str, ThemeColour]
     city: Sequence[Mapping[str, Any]]
     _index: Mapping[str, int] = field(default_factory=dict)
 
@@ -45,7 +45,7 @@ class Subject:
             "class": f"line ink-{self.index(vehicle)}",
             "d": svg.path_data(points, close),
             "fill": "none",
-            "stroke": self.inks[vehicle.id].light,
+            "stroke": self.colours[vehicle.id].light,
             "stroke-width": weight,
             "stroke-opacity": opacity,
             "stroke-linejoin": "round",
@@ -59,9 +59,9 @@ class Subject:
 def subject_of(record: Record) -> Subject:
     """The subject of a run's figures; every aircraft gets a shade of its operator's colour."""
     fleet = vehicles(record)
-    inks: dict[str, Ink] = {}
+    colours: dict[str, ThemeColour] = {}
     for operator, colour in base_colours(operators(record)).items():
         own = [vehicle.id for vehicle in fleet if vehicle.operator == operator]
-        inks.update(zip(own, shades(colour, len(own)), strict=True))
+        colours.update(zip(own, shades(colour, len(own)), strict=True))
     index = {vehicle.id: place for place, vehicle in enumerate(fleet)}
-    return Subject(str(record.manifest.get("name") or "this run"), fleet, inks, record.city, index)
+    return Subject(str(record.manifest.get("name") or "this run"), fleet, colours, record.city, index)

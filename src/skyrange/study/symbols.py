@@ -39,7 +39,7 @@ def draw_mark(mark: Mark, x: float, y: float) -> Element:
         {"class": "mishap", "transform": f"translate({svg.format_number(x)} {svg.format_number(y)})"},
         svg.element("path", halo),
         svg.element("path", line),
-        svg.title(mark.words),
+        svg.title(mark.description),
     )
 
 

@@ -20,7 +20,7 @@ from skyrange.study.report import words
 from skyrange.study.report.rendering import render
 from skyrange.study.series import Record, Track, belief_tracks, gaps_m, happenings, hostile_acts
 from skyrange.study.subject import Subject
-from skyrange.study.twins import Span
+from skyrange.study.twin_figures import Span
 
 Line = tuple[NDArray[np.int64], NDArray[np.float64]]
 
@@ -31,7 +31,7 @@ MAX_NOTES: Final = 60
 """Rows of the table of estimator events."""
 
 
-def deceived(run: Record) -> list[str]:
+def with_altered_sensors(run: Record) -> list[str]:
     """The aircraft whose sensors an attack altered, ordered by the first altered reading."""
     return list(dict.fromkeys(act.about for act in hostile_acts(run) if act.kind == "attack.sensor"))
 
@@ -48,7 +48,7 @@ def render_belief(
     `runs` are the attacked run and its twin, `tracks` their true tracks. Charts show the first `most` aircraft.
     """
     run, twin = runs
-    whom = deceived(run)
+    whom = with_altered_sensors(run)
     if not whom:
         return Markup()
     drawn = whom[:most]
@@ -60,7 +60,7 @@ def render_belief(
         said = "innovation over its gate, position or velocity, the larger"
         title = f"Innovations in {subject.name}"
         chart = draw_chart(subject, found, said, title, 760.0, 300.0, innovations(twin, drawn), spans)
-    return render("comparison/belief.html.jinja", gaps=away, innovations=chart, notes=_notes(run, subject, whom))
+    return render("pair/belief.html.jinja", gaps=away, innovations=chart, notes=_notes(run, subject, whom))
 
 
 def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
@@ -85,7 +85,7 @@ def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
     return found
 
 
-def beliefs(run: Record, chosen: Sequence[str]) -> dict[str, Track]:
+def believed_tracks(run: Record, chosen: Sequence[str]) -> dict[str, Track]:
     """Believed tracks of these aircraft up to their first collision or crash; without aircraft that never reported."""
     ends = _ends(run)
     found = {name: track.until(ends.get(name, NEVER)) for name, track in belief_tracks(run).items() if name in chosen}
@@ -102,7 +102,7 @@ def _ends(run: Record) -> dict[str, int]:
 
 
 def _gaps(run: Record, tracks: Mapping[str, Track], chosen: Sequence[str]) -> dict[str, Line]:
-    return {name: (track.time_ns, gaps_m(tracks[name], track)) for name, track in beliefs(run, chosen).items()}
+    return {name: (track.time_ns, gaps_m(tracks[name], track)) for name, track in believed_tracks(run, chosen).items()}
 
 
 def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[str, Any]]:

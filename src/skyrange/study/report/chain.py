@@ -13,7 +13,7 @@ from skyrange.study.report import words
 from skyrange.study.report.rendering import render
 from skyrange.study.subject import Subject
 from skyrange.study.svg import format_number, format_tick, ticks
-from skyrange.study.twins import Span
+from skyrange.study.twin_figures import Span
 
 Row = Mapping[str, Any]
 
@@ -33,38 +33,38 @@ _MEANINGS = {
 
 
 def render_timeline(
-    subject: Subject, labels: Sequence[Row], attacks: Sequence[str], spans: Sequence[Span], end_s: float
+    subject: Subject, propagation: Sequence[Row], attacks: Sequence[str], spans: Sequence[Span], end_s: float
 ) -> Markup:
-    """Render the timeline; `labels` are the rows of one seed."""
+    """Render the timeline; `propagation` are the rows of one seed."""
     lanes = []
     for name in attacks:
         own = [span for span in spans if span[2] == name]
-        lanes.append(_lane(name, None, _of(labels, "attack", name, ("onset", "act")), own, end_s))
-    touched = [vehicle for vehicle in subject.fleet if any(row["vehicle"] == vehicle.id for row in labels)]
+        lanes.append(_lane(name, None, _of(propagation, "attack", name, ("onset", "act")), own, end_s))
+    touched = [vehicle for vehicle in subject.fleet if any(row["vehicle"] == vehicle.id for row in propagation)]
     for vehicle in touched[:MAX_LANES]:
-        rows = _of(labels, "vehicle", vehicle.id, ("propagation", "effect"))
+        rows = _of(propagation, "vehicle", vehicle.id, ("propagation", "effect"))
         lanes.append(_lane(vehicle.id, subject.index(vehicle), rows, spans, end_s))
     return render(
-        "comparison/chain.html.jinja",
-        lanes=lanes if labels else [],
+        "pair/chain.html.jinja",
+        lanes=lanes if propagation else [],
         symbols=_MEANINGS,
         ticks=_ticks(end_s),
         more=max(len(touched) - MAX_LANES, 0),
     )
 
 
-def render_steps(subject: Subject, labels: Sequence[Row]) -> Markup:
+def render_steps(subject: Subject, propagation: Sequence[Row]) -> Markup:
     """Render the table: onset, the first decision of each kind about each aircraft, and effect."""
     seen: set[tuple[str | None, str]] = set()
     rows = []
-    for row in labels:
+    for row in propagation:
         key = (row["vehicle"], row["kind"])
         if row["phase"] == "act" or row["kind"] == "frame" or (row["phase"] == "propagation" and key in seen):
             continue
         seen.add(key)
         rows.append(row)
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
-    return render("comparison/steps.html.jinja", rows=[_step(row, places) for row in rows[:MAX_STEPS]])
+    return render("pair/steps.html.jinja", rows=[_step(row, places) for row in rows[:MAX_STEPS]])
 
 
 def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
@@ -87,8 +87,8 @@ def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
     }
 
 
-def _of(labels: Sequence[Row], key: str, value: str, phases: Sequence[str]) -> list[Row]:
-    return [row for row in labels if row[key] == value and row["phase"] in phases]
+def _of(propagation: Sequence[Row], key: str, value: str, phases: Sequence[str]) -> list[Row]:
+    return [row for row in propagation if row[key] == value and row["phase"] in phases]
 
 
 def _symbol(row: Row) -> str:

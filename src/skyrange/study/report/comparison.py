@@ -11,18 +11,18 @@ import numpy as np
 from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
-from skyrange.study.marks import marks
+from skyrange.study.marks import find_mishaps
 from skyrange.study.pair_folder import Pair
 from skyrange.study.reception_map import draw_reception_map
 from skyrange.study.receptions import receptions_of, who_heard_whom
 from skyrange.study.report import believing, chain, effecttable, hearing, words
-from skyrange.study.report.page import ink_rules
+from skyrange.study.report.page import colour_rules
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.series import Happening, Track, happenings, truth_tracks
 from skyrange.study.subject import Subject, subject_of
 from skyrange.study.svg import Figure
 from skyrange.study.symbols import Place
-from skyrange.study.twins import Span, draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.twin_figures import Span, draw_departures, draw_twin_heights, draw_twin_plan
 
 MAX_DRAWN = 12
 """Aircraft in the charts over time: those that departed farthest."""
@@ -48,16 +48,16 @@ def render_comparison(pair: Pair) -> str:
     subject = subject_of(attacked)
     tracks, twins = truth_tracks(attacked), truth_tracks(twin)
     events = happenings(attacked, "events")
-    labels = [row for row in pair.propagation.to_pylist() if row["seed"] == seed]
+    propagation = [row for row in pair.propagation.to_pylist() if row["seed"] == seed]
     effects = pair.effects.to_pylist()
     own = [row for row in effects if row["seed"] == seed and row["against"] == "nominal"]
     affected = _affected(own)
     shown = affected[:MAX_DRAWN] or [vehicle.id for vehicle in subject.fleet[:MAX_DRAWN]]
     spans = _spans(events, attacked.duration)
     places = _places(attacked)
-    style = asset("style.css") + ink_rules({}, subject)
+    style = asset("style.css") + colour_rules({}, subject)
     return render(
-        "comparison/page.html.jinja",
+        "pair/page.html.jinja",
         policy=content_policy(style),
         title=f"{pair.manifest['name']} · attacked and not · skyrange",
         style=style,
@@ -66,16 +66,16 @@ def render_comparison(pair: Pair) -> str:
             ("arms", " · ".join(pair.arms)),
             ("seed" if len(pair.seeds) == 1 else "seeds", ", ".join(map(str, pair.seeds))),
         ],
-        numbers=_numbers(labels, own),
-        attacks=_attacks(attacked, labels, spans),
+        numbers=_numbers(propagation, own),
+        attacks=_attacks(attacked, propagation, spans),
         plan=draw_pair_plan(pair),
         heights=draw_twin_heights(subject, tracks, twins, shown, spans),
         departures=draw_departures(subject, tracks, twins, shown, spans),
         threshold=f"{pair.manifest['threshold_m']:g}",
         chain=chain.render_timeline(
-            subject, labels, [row["id"] for row in _declared(attacked)], spans, attacked.duration
+            subject, propagation, [row["id"] for row in _declared(attacked)], spans, attacked.duration
         ),
-        steps=chain.render_steps(subject, labels),
+        steps=chain.render_steps(subject, propagation),
         seed=seed,
         near=f"{pair.manifest['near_m']:g}",
         effects=[_effects(subject, effects, seed, arm) for arm in pair.arms if arm != "attacked"],
@@ -99,7 +99,7 @@ def draw_pair_plan(pair: Pair) -> Figure:
         truth_tracks(pair.run("nominal", seed)),
         _affected(own),
         _places(attacked),
-        marks(events, tracks),
+        find_mishaps(events, tracks),
         _forged(attacked, tracks, spans),
         _believed(attacked, spans),
     )
@@ -142,11 +142,11 @@ def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) 
 
 def _believed(run: RunRecord, spans: Sequence[Span]) -> dict[str, Track]:
     """Believed tracks of aircraft with altered sensors, from the start of the first attack."""
-    whom = believing.deceived(run)
+    whom = believing.with_altered_sensors(run)
     if not whom or not spans:
         return {}
     start_ns = from_seconds(min(start for start, _, _ in spans))
-    found = {name: track.since(start_ns) for name, track in believing.beliefs(run, whom).items()}
+    found = {name: track.since(start_ns) for name, track in believing.believed_tracks(run, whom).items()}
     return {name: track for name, track in found.items() if len(track)}
 
 
@@ -157,13 +157,15 @@ def _spans(events: Sequence[Happening], end_s: float) -> list[Span]:
     return [(start, over.get(attack, end_s), attack) for attack, start in begun.items()]
 
 
-def _numbers(labels: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]) -> list[tuple[str, Any, str]]:
+def _numbers(
+    propagation: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]
+) -> list[tuple[str, Any, str]]:
     """Tiles at the top of the page: name, value and caption."""
-    onset = min((row["at_ns"] for row in labels if row["phase"] == "onset"), default=None)
-    acts = sum(row["phase"] in ("onset", "act") for row in labels)
-    led = [row for row in labels if row["phase"] == "propagation"]
+    onset = min((row["at_ns"] for row in propagation if row["phase"] == "onset"), default=None)
+    acts = sum(row["phase"] in ("onset", "act") for row in propagation)
+    led = [row for row in propagation if row["phase"] == "propagation"]
     decided = [row for row in led if row["kind"] != "frame"]
-    first = min((row["at_ns"] for row in labels if row["phase"] == "effect"), default=None)
+    first = min((row["at_ns"] for row in propagation if row["phase"] == "effect"), default=None)
     departed = sum(row["departed_s"] is not None for row in effects)
     delays = [row["delay_s"] for row in effects if row["delay_s"] is not None]
     longer = max((row["extra_distance_m"] for row in effects), key=abs, default=None)
@@ -189,15 +191,17 @@ def _numbers(labels: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str,
     ]
 
 
-def _attacks(run: RunRecord, labels: Sequence[Mapping[str, Any]], spans: Sequence[Span]) -> list[Mapping[str, Any]]:
+def _attacks(
+    run: RunRecord, propagation: Sequence[Mapping[str, Any]], spans: Sequence[Span]
+) -> list[Mapping[str, Any]]:
     acted = {attack: (begin, end) for begin, end, attack in spans}
-    return [_attack(row, acted.get(row["id"]), labels) for row in _declared(run)]
+    return [_attack(row, acted.get(row["id"]), propagation) for row in _declared(run)]
 
 
 def _attack(
-    row: Mapping[str, Any], acted: tuple[float, float] | None, labels: Sequence[Mapping[str, Any]]
+    row: Mapping[str, Any], acted: tuple[float, float] | None, propagation: Sequence[Mapping[str, Any]]
 ) -> Mapping[str, Any]:
-    count = sum(label["attack"] == row["id"] and label["phase"] in ("onset", "act") for label in labels)
+    count = sum(label["attack"] == row["id"] and label["phase"] in ("onset", "act") for label in propagation)
     params = {name: value for name, value in row["params"].items() if value not in ([], {}, "")}
     if row.get("anchor"):
         params["anchor"] = row["anchor"]

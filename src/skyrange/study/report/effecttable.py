@@ -34,7 +34,7 @@ def render_effects(subject: Subject, rows: Sequence[Row]) -> Markup:
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     ordered = sorted(rows, key=lambda row: -row["departure_m"])
     shown = [_row(row, places) for row in ordered[:MAX_ROWS]]
-    return render("comparison/effects.html.jinja", rows=shown, total=len(rows))
+    return render("pair/effects.html.jinja", rows=shown, total=len(rows))
 
 
 def render_operators(subject: Subject, rows: Sequence[Row]) -> Markup:
@@ -46,7 +46,7 @@ def render_operators(subject: Subject, rows: Sequence[Row]) -> Markup:
         return Markup()
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     return render(
-        "comparison/operators.html.jinja",
+        "pair/operators.html.jinja",
         rows=[
             {"operator": name, "place": places[own[0]["vehicle"]], "numbers": _together(own)}
             for name, own in owned.items()
@@ -59,7 +59,7 @@ def render_ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     chosen = [name for name in found if name in affected] or list(found)
     return render(
-        "comparison/ensemble.html.jinja",
+        "pair/ensemble.html.jinja",
         measures=[name for _, name, *_ in _MEASURES],
         rows=[
             {

@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
     """The data, and counts of the record and the page: `points`, `points_drawn`, `buildings`, `buildings_drawn`."""
     fleet = run.fleet
-    places = {name: number for number, name in enumerate(run.operator_inks)}
+    places = {name: number for number, name in enumerate(run.operator_colours)}
     notes = {"points": 0, "points_drawn": 0, "buildings": len(run.record.city), "buildings_drawn": 0}
     aircraft = []
     for vehicle in fleet:
@@ -49,7 +49,7 @@ def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
                 "id": vehicle.id,
                 "short": vehicle.short,
                 "op": places[vehicle.operator],
-                "ink": list(run.inks[vehicle.id]),
+                "ink": list(run.colours[vehicle.id]),
                 "home": [round(value, 2) for value in vehicle.home_enu_m] if vehicle.home_enu_m else None,
                 "truth": _packed(truth, truth.speed_mps, rows),
                 "belief": _packed(belief, seen_gaps, seen),
@@ -63,10 +63,15 @@ def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
     data = {
         "start": run.start_ns * 1e-9,
         "end": run.end_ns * 1e-9,
-        "operators": [{"id": name, "ink": list(colour)} for name, colour in run.operator_inks.items()],
+        "operators": [{"id": name, "ink": list(colour)} for name, colour in run.operator_colours.items()],
         "vehicles": aircraft,
         "marks": [
-            {"t": mark.time_ns * 1e-9, "kind": mark.kind, "at": [round(m, 2) for m in mark.enu_m], "words": mark.words}
+            {
+                "t": mark.time_ns * 1e-9,
+                "kind": mark.kind,
+                "at": [round(m, 2) for m in mark.enu_m],
+                "words": mark.description,
+            }
             for mark in run.marks
         ],
         "buildings": buildings,

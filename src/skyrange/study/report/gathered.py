@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from skyrange.core.time import NS_PER_S
 from skyrange.study.flights import Flight, flights
 from skyrange.study.linkstats import LinkStats, link_stats
-from skyrange.study.marks import Mark, marks
-from skyrange.study.palette import Ink, base_colours, ink
+from skyrange.study.marks import Mark, find_mishaps
+from skyrange.study.palette import ThemeColour, base_colours, theme_colour
 from skyrange.study.receptions import Hearing, hearings
 from skyrange.study.series import (
     Happening,
@@ -34,7 +34,7 @@ from skyrange.study.waypoints import uploaded
 
 @dataclass(frozen=True, slots=True)
 class RunContents:
-    """The contents of one run's record. `operator_inks` are by operator id.
+    """The contents of one run's record. `operator_colours` are by operator id.
 
     The page shows the time from `start_ns` to `end_ns`; `recorded_ns` is the end of the record, which is later if the
     last part has no motion and no event. Tracks end at `end_ns`; `flights` cover the whole record.
@@ -42,7 +42,7 @@ class RunContents:
 
     record: Record
     subject: Subject
-    operator_inks: Mapping[str, Ink]
+    operator_colours: Mapping[str, ThemeColour]
     truth: Mapping[str, Track]
     belief: Mapping[str, Track]
     waypoints: Mapping[str, NDArray[np.float64]]
@@ -73,9 +73,9 @@ class RunContents:
         return self.subject.fleet
 
     @property
-    def inks(self) -> Mapping[str, Ink]:
+    def colours(self) -> Mapping[str, ThemeColour]:
         """By vehicle id, a shade of its operator's colour."""
-        return self.subject.inks
+        return self.subject.colours
 
 
 def read_run(record: Record) -> RunContents:
@@ -90,14 +90,14 @@ def read_run(record: Record) -> RunContents:
     return RunContents(
         record=record,
         subject=subject,
-        operator_inks={name: ink(colour) for name, colour in base_colours(operators(record)).items()},
+        operator_colours={name: theme_colour(colour) for name, colour in base_colours(operators(record)).items()},
         truth={name: track.until(view) for name, track in truth.items()},
         belief={name: track.until(view) for name, track in belief.items()},
         waypoints=uploaded(record),
         events=events,
         decisions=decisions,
         attacks=attacks,
-        marks=marks(events, truth),
+        marks=find_mishaps(events, truth),
         links=link_stats(record),
         flights=flights(record, subject.fleet, truth, belief, events),
         hearings=hearings(record),

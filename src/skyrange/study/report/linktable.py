@@ -21,7 +21,7 @@ def render_links(run: RunContents) -> Markup:
     seconds = max(run.recorded_ns - min(run.start_ns, 0), 1) * 1e-9
     roles = _roles(run.manifest)
     folds = []
-    for place, operator in enumerate(run.operator_inks):
+    for place, operator in enumerate(run.operator_colours):
         own = [stats for stats in run.links if stats.operator == operator]
         if not own:
             continue

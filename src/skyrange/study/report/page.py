@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from skyrange.core.time import NS_PER_S
 from skyrange.study import run_figures
-from skyrange.study.palette import Ink
+from skyrange.study.palette import ThemeColour
 from skyrange.study.report import hearing, linktable, sections, timeline, words
 from skyrange.study.report.embedded import pack_scene
 from skyrange.study.report.gathered import RunContents, read_run
@@ -25,7 +25,7 @@ def render_run(record: Record) -> str:
     """The page as text."""
     run = read_run(record)
     scene, notes = pack_scene(run)
-    style = asset("style.css") + ink_rules(run.operator_inks, run.subject)
+    style = asset("style.css") + colour_rules(run.operator_colours, run.subject)
     script = Markup('"use strict";(()=>{\n') + Markup("\n").join(asset(name) for name in SCRIPTS) + Markup("\n})();")
     return render(
         "run/page.html.jinja",
@@ -60,7 +60,7 @@ def render_run(record: Record) -> str:
 def _panels(run: RunContents) -> Sequence[Mapping[str, Any]]:
     """One still figure per operator, which the page's script replaces by one that turns."""
     panels = []
-    for operator in run.operator_inks:
+    for operator in run.operator_colours:
         own = [vehicle for vehicle in run.fleet if vehicle.operator == operator]
         panels.append(
             {
@@ -75,12 +75,12 @@ def _panels(run: RunContents) -> Sequence[Mapping[str, Any]]:
     return panels
 
 
-def ink_rules(operator_inks: Mapping[str, Ink], subject: Subject) -> Markup:
+def colour_rules(operator_colours: Mapping[str, ThemeColour], subject: Subject) -> Markup:
     """CSS rules with the colours of operators and aircraft, for light and dark pages."""
     return render(
-        "inks.css.jinja",
-        inks=[
-            *((f".op-{place}", colour) for place, colour in enumerate(operator_inks.values())),
-            *((f".ink-{index}", subject.inks[vehicle.id]) for index, vehicle in enumerate(subject.fleet)),
+        "colours.css.jinja",
+        colours=[
+            *((f".op-{place}", colour) for place, colour in enumerate(operator_colours.values())),
+            *((f".ink-{index}", subject.colours[vehicle.id]) for index, vehicle in enumerate(subject.fleet)),
         ],
     )

@@ -65,7 +65,7 @@ def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
     instances = len({(stats.kind, stats.owner) for stats in run.links})
     sent_bytes = sum(stats.size_bytes for stats in run.links)
     return [
-        ("aircraft", words.count(len(run.fleet)), f"{len(run.operator_inks)} operators"),
+        ("aircraft", words.count(len(run.fleet)), f"{len(run.operator_colours)} operators"),
         ("simulated", words.duration(simulated), ("of ", words.duration(run.manifest.get("duration_s")), " asked")),
         ("wall time", words.duration(wall), "on this machine"),
         ("real-time factor", words.quantity(simulated / wall, "×") if wall else words.MISSING, "simulated ÷ wall"),

@@ -59,7 +59,7 @@ def render_lanes(run: RunContents) -> Markup:
     for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
         by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
     modes: dict[str, int] = {}
-    places = {operator: place for place, operator in enumerate(run.operator_inks)}
+    places = {operator: place for place, operator in enumerate(run.operator_colours)}
     groups = []
     for operator, fleet in groupby(enumerate(run.fleet), key=lambda each: each[1].operator):
         drawn = [_lane(run, index, vehicle, by_owner.get(vehicle.id, []), modes) for index, vehicle in fleet]
@@ -79,7 +79,7 @@ def render_happenings(rows: Sequence[Happening], run: RunContents, name: str, ti
     shown = sorted(rows, key=lambda row: row.time_ns)[:MAX_ROWS]
     places = {vehicle.id: index for index, vehicle in enumerate(run.fleet)}
     return render(
-        "run/happenings.html.jinja",
+        "run/notes.html.jinja",
         name=name,
         title=title,
         kinds=sorted({row.kind for row in shown}),

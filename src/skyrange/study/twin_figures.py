@@ -10,7 +10,7 @@ import numpy as np
 from skyrange.study import svg
 from skyrange.study.chart import draw_chart
 from skyrange.study.ground import BaseMap, fit_map
-from skyrange.study.marks import Mark, by_weight
+from skyrange.study.marks import Mark, drawing_order
 from skyrange.study.series import Track
 from skyrange.study.subject import Subject
 from skyrange.study.svg import Figure
@@ -69,7 +69,7 @@ def draw_twin_plan(
         rows = kept_rows(track.time_ns, track.enu_m[:, :2], 400, 0.1)
         body.append(draw_claim(base, track.enu_m[rows], f"{name}: where it believes to be"))
     body += draw_places(base, places)
-    body += [draw_mark(mark, *base.pixels(np.array([mark.enu_m]))[0].tolist()) for mark in by_weight(marks)]
+    body += [draw_mark(mark, *base.pixels(np.array([mark.enu_m]))[0].tolist()) for mark in drawing_order(marks)]
     body += base.draw_legend()
     title = f"Plan view of {subject.name}, attacked and not"
     words = "solid: attacked; dashed: the twin; north is up"
@@ -117,7 +117,7 @@ def _draw_home(subject: Subject, base: BaseMap, name: str) -> list[Element]:
     if vehicle.home_enu_m is None:
         return []
     x, y = base.pixels(np.array([vehicle.home_enu_m]))[0].tolist()
-    ink = {"class": f"home ink-{subject.index(vehicle)}", "fill": subject.inks[name].light}
+    ink = {"class": f"home ink-{subject.index(vehicle)}", "fill": subject.colours[name].light}
     dot = svg.element("circle", {**ink, "cx": x, "cy": y, "r": 4.5}, svg.title(f"{name}: home"))
     if len(subject.fleet) > MAX_NAMED:
         return [dot]
