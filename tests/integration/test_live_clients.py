@@ -34,7 +34,7 @@ from tests.integration.live_programs import (
 )
 from tests.ports import OFFSET
 
-pytestmark = [pytest.mark.integration, pytest.mark.realtime]
+pytestmark = pytest.mark.realtime
 
 
 def test_mavsdk_is_an_operators_ground_station(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ from tests.integration.live_machines import (
 from tests.integration.live_programs import CLIENTS, beside, exit_code, heard, kinds, skyrange, until
 from tests.ports import OFFSET
 
-pytestmark = [pytest.mark.integration, pytest.mark.realtime, needs_machines]
+pytestmark = [pytest.mark.realtime, needs_machines, pytest.mark.usefixtures("networks")]
 
 BASE, SECOND, THIRD = ADDRESSES
 SCENARIO = """
@@ -160,7 +160,7 @@ def test_three_machines_with_a_tap_a_viewer_and_a_process_killed_and_started_ane
 def test_networks_of_their_own_with_a_tap_a_viewer_and_a_process_killed_and_started_anew(tmp_path: Path) -> None:
     (tmp_path / "far.toml").write_text(SCENARIO.format(hosts=""))
     port = 5763 + OFFSET
-    options = ("--out", tmp_path / "run", "--netns", "--viewer-port", port)
+    options = ("--out", tmp_path / "run", "--netns", "--port-offset", OFFSET, "--viewer-port", port)
     log = tmp_path / "live.log"
     flight = begin(skyrange("live", tmp_path / "far.toml", *options), log)
     try:

@@ -12,7 +12,7 @@ from skyrange.record import RunRecord, load
 from tests.integration.live_faults import FAULTS, RealHarmed, harm
 from tests.integration.test_live_faults import assert_link_was_back, assert_rows, assert_station_went_on
 
-pytestmark = [pytest.mark.integration, pytest.mark.realtime]
+pytestmark = pytest.mark.realtime
 
 
 def made(name: str, folder: Path) -> tuple[RealHarmed, RunRecord]:

@@ -27,6 +27,7 @@ from tests.integration.live_machines import (
     switched,
 )
 from tests.integration.live_programs import skyrange, until
+from tests.ports import OFFSET
 
 BASE, OTHER, _ = ADDRESSES
 SCENARIO = """
@@ -46,7 +47,7 @@ world = "{BASE}"
 """
 
 
-pytestmark = [pytest.mark.integration, pytest.mark.realtime, needs_machines]
+pytestmark = [pytest.mark.realtime, needs_machines, pytest.mark.usefixtures("networks")]
 
 Machines = list[list[str]]
 
@@ -106,7 +107,7 @@ def test_where_no_range_answers_is_said(keys: Path) -> None:
 
 def test_packet_tools_work_in_namespaces_and_nothing_of_them_stays(tmp_path: Path) -> None:
     before = namespaces()
-    started = begin([*live(tmp_path, None, 30, ""), "--netns"], tmp_path / "live.log")
+    started = begin([*live(tmp_path, None, 30, ""), "--netns", "--port-offset", str(OFFSET)], tmp_path / "live.log")
     try:
         until(lambda: "flying" in (tmp_path / "live.log").read_text(), 240, "it flies", started)
         made = sorted(set(namespaces()) - set(before))
@@ -123,7 +124,7 @@ def test_packet_tools_work_in_namespaces_and_nothing_of_them_stays(tmp_path: Pat
     until(lambda: namespaces() == before, 10, "all namespaces are gone")
     said = manifest(tmp_path)["live"]
     assert said["namespaces"].items() >= {(address, station)}
-    assert said["links"]["gcs:blue/b1"] == f"udp://{address}:14555"
+    assert said["links"]["gcs:blue/b1"] == f"udp://{address}:{14555 + OFFSET}"
     rows = load(tmp_path / "run").table("frames").to_pylist()
     told = [row for row in rows if row["link"] == "gcs:blue/b1" and row["src"] == "blue/b1.companion"]
     early = [row["arrived_ns"] is not None for row in told if row["sent_ns"] < 5e9]
@@ -136,7 +137,7 @@ def test_packet_tools_work_in_namespaces_and_nothing_of_them_stays(tmp_path: Pat
 
 def test_namespaces_go_with_a_range_that_is_killed(tmp_path: Path) -> None:
     before = namespaces()
-    started = begin([*live(tmp_path, None, 60, ""), "--netns"], tmp_path / "live.log")
+    started = begin([*live(tmp_path, None, 60, ""), "--netns", "--port-offset", str(OFFSET)], tmp_path / "live.log")
     try:
         until(lambda: len(namespaces()) > len(before), 120, "namespaces are there", started)
     finally:

@@ -24,7 +24,7 @@ from tests.integration.live_programs import MAIN, killed_after, nodes, until
 from tests.integration.test_live_agrees import SQUARES, assert_agrees
 from tests.ports import OFFSET
 
-pytestmark = [pytest.mark.integration, pytest.mark.realtime]
+pytestmark = pytest.mark.realtime
 
 MAVPROXY = shutil.which("mavproxy.py")
 MISSION = """QGC WPL 110

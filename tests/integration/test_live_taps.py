@@ -16,7 +16,7 @@ from skyrange.record import load
 from tests.integration.live_programs import ONE_AIRCRAFT, beside, heard, kinds, live, skyrange, until
 from tests.ports import OFFSET
 
-pytestmark = [pytest.mark.integration, pytest.mark.realtime]
+pytestmark = pytest.mark.realtime
 
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "tap-a-link-from-outside.md"
 
