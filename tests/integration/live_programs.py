@@ -20,14 +20,14 @@ from typing import Any
 import pytest
 
 from skyrange.record import RunRecord, load
-from skyrange.runtime.live.process import run_node
 from tests.tiers import needs_mavproxy as needs_mavproxy
 from tests.tiers import needs_tshark as needs_tshark
 
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 MAVPROXY = shutil.which("mavproxy.py")
 TSHARK = shutil.which("tshark")
-NODE_MODULE = run_node.__module__
+NODE_MODULE = "skyrange.runtime.live.process"
+"""What a node's process runs."""
 LAT, LON = -35.363328, 149.1652241
 CLIENTS = Path(__file__).parent / "clients"
 ONE_AIRCRAFT = f"""

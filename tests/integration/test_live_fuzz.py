@@ -20,7 +20,7 @@ from skyrange.runtime.live.orders import NodeConfig
 from tests.integration.live_faults import RealHarmed
 from tests.integration.live_programs import nodes
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = pytest.mark.realtime
 SECONDS = 20.0
 MOST_GROWN_KB = 150_000
 """Of a process's resident memory, over what it had when the range flew and nobody harmed it: ZeroMQ queues of 256

@@ -346,7 +346,7 @@ def test_a_response_answers_the_oldest_request_of_its_path() -> None:
 
 
 def test_open_requests_and_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(http_ends, "MOST_OPEN", 3)
+    monkeypatch.setattr(http_ends, "MAX_OPEN", 3)
 
     async def body() -> None:
         heard: list[Piece] = []
@@ -421,7 +421,7 @@ def test_a_client_waits_for_a_service_and_outlives_it() -> None:
         assert client.send(REQUEST)
         await until(lambda: len(answers) == 1)
         server.close()
-        await until(lambda: not server._door.connections)
+        await until(lambda: not server._limited.connections)
         assert client.send(REQUEST)
         await until(lambda: client.counts.lost == 1)
         assert len(answers) == 1

@@ -39,7 +39,8 @@ def measure(
     not report it): on a quiet machine it is near 0. `frames_per_s` is over all hops, `crossings_per_s` over sockets,
     `flying` as in `bench fleet`. `added_ms`, by kind of link, is the time of a hop beyond its channel's own latency,
     from the record, median and 99th percentile: it includes waiting for the sender's turn, its socket, and the
-    receiver's turn. `start_s` and `end_s` are wall seconds before time 0 and after the end. Raises as `supervisor.fly`.
+    receiver's turn. `start_s` and `end_s` are wall seconds before time 0 and after the end. Raises as
+    `supervisor.fly`.
     """
     scenario = fleet_scenario(vehicles, seconds)
     with tempfile.TemporaryDirectory() as folder:

@@ -3,9 +3,9 @@
 A node sends `hello`, `bound` (it has flown on trial, and holds its addresses), `ready` (booted and connected), `status`
 twice a second, `attack` when the trigger of one holds in the world, `done`. The supervisor sends `warm_up` to the first
 node of each machine, and to the others once those are bound; `connect` once all are bound; `start` with the clock's
-zero once all are ready; `clock` when that is known better; `attack` as the world said; `stop`. For the messages of
-machines see `joining`. A message may carry bytes, a part of a file. Nothing that is received is evaluated; what is no
-such object is dropped and counted, and nobody without a key of the range is let in.
+zero once all are ready; `clock` when that is known better; `attack` as the world said; `stop`. The messages of
+machines are in `joining`. A message may carry bytes, a part of a file. Nothing that is received is evaluated;
+anything but such an object is dropped and counted, and nobody without a key of the range is let in.
 """
 
 from __future__ import annotations

@@ -46,10 +46,10 @@ LOOK_S: Final = 0.1
 
 
 def fly(live_range: Range, on_look: OnLook | None = None) -> Path:
-    """Bring the range up, let it fly to the end, take it down, and merge the records; the run's folder.
+    """Start all processes, run to the scenario's end, end them, and merge the records; the run's folder.
 
-    `on_look` is called ten times a second. Raises `ComponentError` where a node or a machine does not come up or dies,
-    `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
+    `on_look` is called ten times a second. Raises `ComponentError` if a node or a machine does not come up or dies,
+    and `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
     """
     with live_range.spaces or nullcontext(), Interruptible() as interrupt:
         return live_range.system.run(supervise(live_range, on_look, interrupt))

@@ -1,4 +1,4 @@
-"""Event loop in virtual time: when every task waits, its clock is set to the next timer."""
+"""Event loop in virtual time: when every task waits, its clock advances to the next timer."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from typing import Any, Final
 from skyrange.core.time import NS_PER_S
 
 BEGIN_NS: Final = 1_000 * NS_PER_S
-"""Where virtual time begins: a monotonic clock that shows 0 is none."""
+"""The initial virtual time; not 0, which stands for an unset time."""
 
 
 class DeadlockError(RuntimeError):
-    """Every task waits, and there is no timer: nothing will ever happen again."""
+    """Every task waits, and there is no timer, so nothing will ever happen again."""
 
 
 @dataclass(slots=True)
 class VirtualTime:
-    """The present, in nanoseconds; the clock of everything in one virtual world."""
+    """The time of one virtual world, in nanoseconds."""
 
     now_ns: int = BEGIN_NS
 
 
 class _VirtualSelector(selectors.DefaultSelector):
-    """Looks at real files without waiting for them; in place of waiting time passes."""
+    """Polls real files without waiting; instead of waiting it advances virtual time."""
 
     def __init__(self, advance: Callable[[float], None]) -> None:
         super().__init__()
@@ -45,9 +45,9 @@ class _VirtualSelector(selectors.DefaultSelector):
 
 
 class VirtualEventLoop(asyncio.SelectorEventLoop):
-    """An event loop on a `VirtualTime`. `asyncio.sleep`, timers and timeouts are in its time.
+    """An event loop on a `VirtualTime`, in which `asyncio.sleep`, timers and timeouts pass.
 
-    Threads and sockets of the system work, but nothing waits for them.
+    Threads and sockets of the system work, but the loop does not wait for them.
     """
 
     def __init__(self, virtual: VirtualTime) -> None:

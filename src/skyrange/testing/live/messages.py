@@ -1,4 +1,4 @@
-"""Messages in memory: the links that cross ZeroMQ and HTTP in life, and the control channel."""
+"""Message transports in memory: they replace ZeroMQ and HTTP links, and the control channel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ RECONNECT_S: Final = 0.1
 
 
 class _Endpoint:
-    """Something that messages are sent to."""
+    """A receiver of messages."""
 
     def __init__(self, network: VirtualNetwork) -> None:
         self.network = network
@@ -26,28 +26,28 @@ class _Endpoint:
         self.owner.opened(self)
 
     def close(self) -> None:
-        """Take and send no more; what was sent arrives."""
+        """Stop receiving and sending; what was sent arrives."""
         if not self.closed:
             self.closed = True
             self.network.release(self)
             self.owner.closed(self)
 
     def kill(self) -> None:
-        """Its process is gone."""
+        """Close it for a process that was killed."""
         self.close()
 
     def reaches(self, other: _Endpoint) -> bool:
-        """Whether what is sent now arrives there."""
+        """Whether a message that is sent now arrives at `other`."""
         return not other.closed and self.network.reaches(self.owner.machine, other.owner.machine)
 
 
 class MessageListener(_Endpoint):
-    """The end of a link that waits; its peer is who connected or spoke last, as that of a ZeroMQ ROUTER's end."""
+    """The listening side of a link; its peer is the one that connected or sent last, as for `ZmqEnd`."""
 
     refused = 0
 
     def __init__(self, network: VirtualNetwork, on_piece: OnPiece, family: str, address: Address) -> None:
-        """`OSError` where the address is taken."""
+        """Raises `OSError` if the address is taken."""
         super().__init__(network)
         self.on_piece = on_piece
         network.bind(family, self.owner.machine, address, self)
@@ -65,14 +65,14 @@ class MessageListener(_Endpoint):
         return True
 
     def receive(self, payload: bytes, sender: MessageConnector) -> None:
-        """A message has come."""
+        """Take a message that has arrived."""
         if not self.closed:
             self.peers = [*(peer for peer in self.peers if peer is not sender), sender]
             self.on_piece(Piece(payload, garbage=False))
 
 
 class MessageConnector(_Endpoint):
-    """The end of a link that goes to an address, whenever somebody is there."""
+    """The connecting side of a link, connected whenever a listener is there."""
 
     refused = 0
 
@@ -94,7 +94,7 @@ class MessageConnector(_Endpoint):
         return True
 
     def receive(self, payload: bytes) -> None:
-        """A message has come."""
+        """Take a message that has arrived."""
         if not self.closed:
             self.on_piece(Piece(payload, garbage=False))
 
@@ -107,7 +107,7 @@ class MessageConnector(_Endpoint):
 
 
 class MemoryControlServer:
-    """A `ControlServer` in memory, which lets in whoever has one of `keys.peers`."""
+    """A `ControlServer` in memory, which accepts clients with one of `keys.peers`."""
 
     def __init__(self, network: VirtualNetwork, keys: Keys) -> None:
         self.keys = keys
@@ -125,7 +125,7 @@ class MemoryControlServer:
         self.address = self._network.bind("control", self.endpoint.owner.machine, local, self)
 
     def admit(self, client: MemoryControlClient) -> bool:
-        """Let a client in: the next of its name takes its place."""
+        """Accept a client, which takes the place of an earlier one of its name; False if its key is unknown."""
         if client.keys.public not in self.keys.peers:
             self.refused += 1
             return False
@@ -133,7 +133,7 @@ class MemoryControlServer:
         return True
 
     def take(self, client: MemoryControlClient, data: bytes, blob: bytes) -> None:
-        """A message has come from a client that was let in."""
+        """Take a message of a client that was accepted."""
         self._received.put_nowait((client.name, data, blob))
 
     async def receive(self) -> tuple[str, Message, bytes]:
@@ -181,12 +181,12 @@ class MemoryControlClient:
         self._retry()
 
     def _retry(self) -> None:
-        """Connect, and again a moment later while nobody lets us in."""
+        """Connect, and try again after `RECONNECT_S` until a server accepts."""
         if self.endpoint is not None and not self.endpoint.closed and self._connect() is None:
             asyncio.get_running_loop().call_later(RECONNECT_S, self._retry)
 
     def _connect(self) -> MemoryControlServer | None:
-        """The server, if it is there and lets us in; what was sent before that is sent then."""
+        """The server, if it is there and accepts; messages sent before are sent then."""
         assert self.endpoint is not None
         key = self._network.key("control", self.endpoint.owner.machine, self.address)
         server: MemoryControlServer | None = self._network.listeners.get(key)
@@ -194,7 +194,7 @@ class MemoryControlClient:
             return None
         if server is not self._server:
             self.reached += 1
-            if server.keys.public not in self.keys.peers:  # it understands no answer, and cannot know why
+            if server.keys.public not in self.keys.peers:  # it understands no answer, so it cannot know the reason
                 server.refused += 1
                 return None
             if not server.admit(self):
@@ -211,7 +211,7 @@ class MemoryControlClient:
         server.endpoint.inbound.push(lambda: server.take(self, message, blob))
 
     def take(self, data: bytes, blob: bytes) -> None:
-        """A message has come."""
+        """Take a message that has arrived."""
         self._received.put_nowait((data, blob))
 
     async def receive(self) -> tuple[Message, bytes]:

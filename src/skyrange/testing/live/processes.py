@@ -1,4 +1,4 @@
-"""Processes in virtual time: tasks of one event loop that can be paused and killed as the system does it."""
+"""Processes in virtual time: tasks of one event loop that can be paused and killed like processes."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from contextvars import ContextVar, copy_context
 from typing import Any, Final, Protocol
 
 CURRENT: ContextVar[VirtualProcess | None] = ContextVar("virtual_process", default=None)
-"""The process whose code runs."""
+"""The process of the running code."""
 
 
 EXIT_S: Final = 0.05
-"""From the end of a process's code to the end of the process: what it sent last has arrived by then."""
+"""Seconds from the return of a process's code to the end of the process: its last messages arrive in between."""
 
 
 class Closable(Protocol):
     """An open socket."""
 
     def kill(self) -> None:
-        """Close it as the system does when its process was killed: nothing of the process runs."""
+        """Close it for a process that was killed: no code of the process runs."""
         ...
 
 
 class VirtualProcess:
-    """A coroutine and all tasks that it begins: what SIGSTOP and SIGKILL do to a process is done to all of them.
+    """A coroutine and all tasks that it starts, which are paused (SIGSTOP) and killed (SIGKILL) together.
 
-    A process that is killed runs no `finally`; what it had not written is lost. As `runtime.live.system.Process`.
+    A `runtime.live.system.Process`. A process that is killed runs no `finally`, and loses what it has not written.
     """
 
     def __init__(self, name: str, machine: str = "") -> None:
         self.name = name
         self.machine = machine
-        """The machine that it runs on; "" for the first one."""
+        """The address of the machine that it runs on; "" for the first one."""
         self.sockets: list[Closable] = []
         self._tasks: set[asyncio.Task[Any]] = set()
         self._main: asyncio.Task[int] | None = None
@@ -66,7 +66,7 @@ class VirtualProcess:
                 task.cancel()
             await asyncio.sleep(EXIT_S)
 
-    # --- as whoever started it sees it --------------------------------------------------------------
+    # --- the interface of `Process` -----------------------------------------------------------------
 
     @property
     def running(self) -> bool:
@@ -81,11 +81,11 @@ class VirtualProcess:
         return "signal SIGKILL" if self._killed or self._main.cancelled() else f"exit {self._main.result()}"
 
     def last_words(self) -> str:
-        """What an exception that ended it said, "" for none."""
+        """The traceback of the exception that ended it, "" for none."""
         return self._words
 
     def kill(self) -> None:
-        """End it now, as SIGKILL does. Again does nothing."""
+        """Kill it, as SIGKILL does. A second call does nothing."""
         if not self.running:
             return
         self._killed = True
@@ -99,12 +99,12 @@ class VirtualProcess:
         self.resume()
 
     def pause(self) -> None:
-        """Stop it, as SIGSTOP does: what comes for it waits."""
+        """Stop it, as SIGSTOP does: what is sent to it waits."""
         if self._resumed is None and self.running:
             self._resumed = asyncio.get_running_loop().create_future()
 
     def resume(self) -> None:
-        """Let it go on, as SIGCONT does."""
+        """Continue it, as SIGCONT does."""
         if self._resumed is not None:
             resumed, self._resumed = self._resumed, None
             resumed.set_result(None)
@@ -123,19 +123,19 @@ class VirtualProcess:
         return self._killed
 
     def when_resumed(self, call: Callable[[], None]) -> None:
-        """Call `call` when it goes on."""
+        """Call `call` when it continues."""
         self._deferred.append(call)
 
-    # --- its tasks ---------------------------------------------------------------------------------
+    # --- tasks -------------------------------------------------------------------------------------
 
     def adopt(self, task: asyncio.Task[Any]) -> None:
-        """Know a task as one of the process's."""
+        """Register a task of the process."""
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
     @types.coroutine
     def gate(self, work: Coroutine[Any, Any, Any]) -> Generator[Any, Any, Any]:
-        """`work`, of which no step is made while the process is paused, and none once it was killed."""
+        """Run `work`, but no step of it while the process is paused, and none after it was killed."""
         error: BaseException | None = None
         while True:
             while self._resumed is not None and not self._killed:
@@ -144,7 +144,7 @@ class VirtualProcess:
                 except asyncio.CancelledError as cancelled:
                     error = cancelled
             if self._killed:
-                # neither now nor when it is collected: a process that is killed does not tidy up
+                # never closed, not even when it is collected: a process that is killed runs no `finally`
                 ctypes.pythonapi.Py_IncRef(ctypes.py_object(work))
                 return None
             try:
@@ -157,12 +157,12 @@ class VirtualProcess:
             except GeneratorExit:
                 work.close()
                 raise
-            except BaseException as raised:  # what the task was told
+            except BaseException as raised:  # thrown into the task
                 error = raised
 
 
 def create_task(loop: asyncio.AbstractEventLoop, work: Any, context: Any = None) -> asyncio.Task[Any]:
-    """A task factory (`loop.set_task_factory`) that makes the tasks of a process its own."""
+    """A task factory (`loop.set_task_factory`) that registers the tasks of a process with it."""
     process = CURRENT.get() if context is None else context.get(CURRENT)
     if process is None:
         return asyncio.Task(work, loop=loop, context=context)

@@ -26,8 +26,9 @@ from skyrange.testing.live.messages import (
     MessageConnector,
     MessageListener,
 )
-from skyrange.testing.live.network import SocketEventLoop, VirtualNetwork
+from skyrange.testing.live.network import VirtualNetwork
 from skyrange.testing.live.processes import VirtualProcess
+from skyrange.testing.live.sockets import SocketEventLoop
 
 T = TypeVar("T")
 _PPM = 1_000_000
@@ -35,7 +36,7 @@ _PPM = 1_000_000
 
 @dataclass(slots=True)
 class VirtualClock:
-    """A machine's monotonic clock in virtual time, which may be ahead and run fast."""
+    """A machine's monotonic clock in virtual time, with an offset and a frequency error."""
 
     virtual: VirtualTime
     ahead_ns: int = 0
@@ -51,19 +52,19 @@ class VirtualClock:
 class VirtualSystem:
     """A `runtime.live.system.System`: one machine of a virtual world, `machine()` makes others.
 
-    Transports over UDP and TCP are those of `runtime.live` on sockets in memory; in the place of ZeroMQ and HTTP
-    messages are handed over whole. Nothing is compiled beforehand, since nothing is late while it is compiled.
+    Transports over UDP and TCP are those of `runtime.live` on sockets in memory; ZeroMQ and HTTP are replaced by
+    transports of whole messages. Nothing is compiled beforehand, since compilation takes no virtual time.
     """
 
     virtual: VirtualTime = field(default_factory=VirtualTime)
     network: VirtualNetwork = field(default_factory=VirtualNetwork)
     address: str = ""
-    """The machine's; "" for the one where the range is started."""
+    """The machine's address; "" for the one on which the range is started."""
     clock: VirtualClock = field(default=None)  # type: ignore[assignment]
     processes: dict[str, list[VirtualProcess]] = field(default_factory=dict)
-    """By the node's name, each start's."""
+    """The processes of each node, by its name, in the order of their starts."""
     start_s: float = 0.0
-    """How long a process takes to start."""
+    """Seconds that a process takes to start."""
 
     def __post_init__(self) -> None:
         self.clock = self.clock or VirtualClock(self.virtual)
@@ -74,17 +75,17 @@ class VirtualSystem:
         return VirtualSystem(self.virtual, self.network, address, clock, self.processes, self.start_s)
 
     def process(self, node: str) -> VirtualProcess:
-        """The node's last process."""
+        """The last process of a node."""
         return self.processes[node][-1]
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
-        """See `System`. `DeadlockError` where nothing would ever happen again."""
+        """See `System`. Raises `DeadlockError` if every task waits and there is no timer."""
         thresholds = gc.get_threshold()
         try:
             with asyncio.Runner(loop_factory=lambda: SocketEventLoop(self.virtual, self.network)) as runner:
                 return runner.run(main)
         finally:
-            gc.set_threshold(*thresholds)  # nodes that set it for themselves do not end in order
+            gc.set_threshold(*thresholds)  # nodes set it, and do not end in reverse order
 
     def begin(self, name: str, main: Coroutine[Any, Any, int]) -> VirtualProcess:
         """Run `main`, whose result is the exit code, as a process of this machine."""
@@ -94,7 +95,7 @@ class VirtualSystem:
         return process
 
     def check_free(self, crossings: Sequence[Crossing]) -> None:
-        """See `System`; nobody else is here."""
+        """See `System`; every address is free."""
 
     def control_server(self, keys: Keys) -> ControlServer:
         """See `System`."""
@@ -117,7 +118,7 @@ class VirtualSystem:
         return MessageConnector(self.network, on_piece, crossing.transport, crossing.address)
 
     def start_node(self, root: Path, config: NodeConfig, through: Sequence[str] = ()) -> VirtualProcess:
-        """See `System`; `through` is of no use here."""
+        """See `System`; `through` is ignored."""
         write_config(root, config)
         return self.begin(config.name, self._run_node(root, config))
 
