@@ -51,8 +51,8 @@ def take_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
     single = np.empty(len(mail.payloads), dtype=np.bool_)
     payloads = mail.payloads
     _mark_heartbeats(
-        fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *TABLES, stations, fleet.systems,
-        fleet.watch["station_ns"], single,
+        fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *TABLES, stations,
+        fleet.systems, fleet.watch["station_ns"], single,
     )  # fmt: skip
     left: list[int] = np.flatnonzero(single).tolist()
     return left
