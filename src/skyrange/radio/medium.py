@@ -112,7 +112,7 @@ class BuiltinMedium:
         self._refused: list[tuple[int, int, int, Time]] = []
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BuiltinMedium:
-        """Share what is declared and never changes; copy what is on the air."""
+        """What is declared never changes and stays shared; what is on the air is copied."""
         twin = object.__new__(BuiltinMedium)
         twin.__dict__.update(self.__dict__)
         twin._air = self._air._replace(**{name: array.copy() for name, array in self._air._asdict().items()})

@@ -1,4 +1,4 @@
-"""Vehicle specification: what an autopilot is told of an aircraft before the run, the same for every kind of engine."""
+"""What does an autopilot need to know of an aircraft before the run? The same for every kind of engine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Factory of the autopilot `ardupilot`: the fleet for the physics that the options name."""
+"""Which engine flies the ArduPilots of a scenario? That of the physics which its options name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from skyrange.vehicle.spec import VehicleSpec
 class _Factory:
     options = Options
     signs = True
-    """Its autopilots obey `VehicleSpec.signing_key`."""
+    """They obey `VehicleSpec.signing_key`."""
 
     def __call__(
         self,
@@ -35,4 +35,4 @@ class _Factory:
 
 
 ArduPilotFleet: Final = _Factory()
-"""Registered as the autopilot `ardupilot`. Raises `InputError` as `Fleet` does."""
+"""What is registered as the autopilot `ardupilot`. Raises `InputError` as `Fleet` does."""

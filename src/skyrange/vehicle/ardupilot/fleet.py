@@ -271,7 +271,7 @@ class Fleet(ABC):
             else:
                 self._on_public_data(tick, row, one, data, outbox)
 
-    def _connected(self, row: int, place: int, outbox: Outbox) -> None:  # noqa: B027 (optional)
+    def _connected(self, row: int, place: int, outbox: Outbox) -> None:  # noqa: B027 (most need not know)
         """Its serial port `place` has connected, for the first time or again."""
 
     def _on_private_data(self, tick: Time, row: int, data: bytes, outbox: Outbox) -> None:

@@ -142,7 +142,7 @@ class External:
 class _Factory:
     options = Options
     guards_motion = True
-    """It takes the command line's permission of motion, as keyword `motion`."""
+    """It takes the command line's word on motion, as keyword `motion`."""
 
     def __call__(
         self,
@@ -159,4 +159,4 @@ class _Factory:
 
 
 ExternalFleet: Final = _Factory()
-"""Registered as the autopilot `external`. Raises `InputError` as `External` does."""
+"""What is registered as the autopilot `external`. Raises `InputError` as `External` does."""
