@@ -1,4 +1,4 @@
-"""Environment oracle: takes Remote ID from `rid_up`, lets a medium decide the receptions, and delivers them.
+"""Environment oracle: takes Remote ID from `rid_up`, lets a medium decide who receives it, and delivers it.
 
 A frame on `rid_up:<radio>` becomes a transmission of that radio at the time in its header, or at once. What a receiver
 decodes is sent on its `rid_down:<radio>` with its signal strength and the end of its reception. What an operator's
