@@ -132,10 +132,10 @@ def test_a_fork_goes_on_alike_and_apart() -> None:
     kernel.advance(25 * MS)
     twin = kernel.fork([])
     kernel.advance(60 * MS)
-    before = len(heights([twin._berths[0].engine])["blue/b1"])  # type: ignore[list-item]
+    before = len(heights([twin._engines[0].engine])["blue/b1"])  # type: ignore[list-item]
     twin.advance(60 * MS)
     assert before < len(engines[0].heard)
-    assert heights([twin._berths[0].engine]) == heights(engines)  # type: ignore[list-item]
+    assert heights([twin._engines[0].engine]) == heights(engines)  # type: ignore[list-item]
 
 
 def test_engines_without_a_faulty_vehicle_keep_the_worlds_arrays_and_the_others_may_not_write() -> None:

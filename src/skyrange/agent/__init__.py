@@ -1,1 +1,1 @@
-"""The contracts: what an agent, a tap, an engine, a world and an observer are, and what passes between them."""
+"""Contracts of the components of a range, and the values that pass between them."""

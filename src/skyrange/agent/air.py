@@ -1,7 +1,7 @@
-"""What must a radio medium do? Who hears whom, and when a frame gets its turn: the contract, as columns.
+"""The contract of radio media, as columns: which receiver gets which transmission, and when a frame may be sent.
 
-A medium never sees a frame's bytes: whoever offers a transmission keeps them, under its `key`. Nothing here knows what
-is being sent.
+A medium never sees a frame's bytes: whoever offers a transmission keeps them under its `key`. Nothing here depends on
+what is sent.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ANY_CHANNEL = -1
 
 
 class Waveform(IntEnum):
-    """How a frame is modulated, and by which rules it gets on the air."""
+    """Modulation of a frame, and the rules by which its radio gets access to the channel."""
 
     DSSS_1M = 0
     """802.11 DSSS, 1 Mb/s, long preamble; carrier sense."""
@@ -37,7 +37,7 @@ class Waveform(IntEnum):
 
 
 class Turn(NamedTuple):
-    """A receiver's turn on one channel, for frames of some waveforms."""
+    """One step of a receiver's scan: a channel, and the waveforms that it receives there."""
 
     channel: int
     """Wi-Fi channel 1…13 or BLE channel index 37…39."""
@@ -46,10 +46,10 @@ class Turn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Listening:
-    """One receive chain and its round: turn by turn, `window_ns` of listening in each `dwell_ns`, then a rest.
+    """The scan of one receive chain: for each of `turns`, `window_ns` of listening in every `dwell_ns`, then a rest.
 
-    All turns are of one band, Wi-Fi or Bluetooth. A single turn without a gap listens all the time. Where in its
-    round a receiver is at time 0 is chance, addressed by its name.
+    All turns are in one band, Wi-Fi or Bluetooth. A single turn without a gap listens all the time. The phase of the
+    scan at time 0 is chance, addressed by the receiver's name.
     """
 
     turns: tuple[Turn, ...]
@@ -60,14 +60,14 @@ class Listening:
 
 @dataclass(frozen=True, slots=True)
 class RadioSpec:
-    """One radio: where it stands or that it moves, what it listens to, how well it sends and hears."""
+    """One radio: its place or that it moves, what it listens to, its power, antenna and noise figure."""
 
     name: str
-    """Unique; addresses its chance. Of an aircraft's radio the vehicle's id."""
+    """Unique; addresses its chance. For an aircraft's radio, the vehicle's id."""
     place_enu_m: tuple[float, float, float] | None = None
-    """Of a radio that stands; None where the rows of `RadioTable` move it."""
+    """Of a fixed radio; None where the rows of `RadioTable` move it."""
     listening: tuple[Listening, ...] = ()
-    """At most one chain of each band; none only sends."""
+    """At most one chain per band; a radio without any only sends."""
     wifi_dbm: float = 15.0
     """Power into the antenna."""
     ble_dbm: float = 8.0
@@ -79,10 +79,10 @@ class RadioSpec:
 
 
 class RadioTable(NamedTuple):
-    """Where the radios are: rows in the order of the medium's `radios`. A NaN position is no radio at all just now."""
+    """Positions of the radios: rows in the order of the medium's `radios`. A NaN position means that it is absent."""
 
     from_ns: Time
-    """The table holds from here until that of the next table."""
+    """The table holds from this time until that of the next table."""
     pos_enu_m: Floats
     """(n, 3), metres, up from the ground."""
     vel_enu_mps: Floats
@@ -90,7 +90,7 @@ class RadioTable(NamedTuple):
 
 
 class TxBatch(NamedTuple):
-    """Frames that radios are asked to send: one row each, one radio's frames of one instant in their order."""
+    """Frames that radios are to send: one row each, the frames of one radio and instant in their order."""
 
     radio: Ints
     """Row of the sender."""
@@ -105,11 +105,11 @@ class TxBatch(NamedTuple):
     size_bytes: Ints
     """Of the MAC frame with its check sequence, or of the advertising PDU's payload."""
     key: Ints
-    """What the frame is called in answers; 0 or more, unique among those under way."""
+    """Names the frame in answers; 0 or more, unique among those under way."""
 
 
 class EmitterTable(NamedTuple):
-    """Who makes noise: one row per source and band."""
+    """Sources of noise: one row per source and band."""
 
     radio: Ints
     centre_mhz: Floats
@@ -121,23 +121,23 @@ class EmitterTable(NamedTuple):
 
 
 class Fate(IntEnum):
-    """What became of a transmission."""
+    """Fate of a transmission."""
 
     SENT = 0
     NO_ACCESS = 1
-    """The channel was not free for it in time."""
+    """The channel was not free in time."""
     REFUSED = 2
     """No such frame: its size, channel or waveform does not exist."""
 
 
 class Outcome(IntEnum):
-    """What became of a frame at a receiver that was in reach of it."""
+    """Outcome of a frame at a receiver that was in range."""
 
     DECODED = 0
     WEAK = 1
-    """Too little signal over noise."""
+    """Too low a signal-to-noise ratio."""
     COLLIDED = 2
-    """Other transmissions, noise sources or the city's own load covered it; alone it would have been heard."""
+    """Other transmissions, noise sources or the city's background load covered it; alone it would have been decoded."""
     BUSY = 3
     """The receiver was locked on another frame."""
     SENDING = 4
@@ -160,7 +160,7 @@ class Sent(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """What receivers made of frames, in order of (end, key, receiver)."""
+    """Outcomes of frames at receivers, in order of (end, key, receiver)."""
 
     key: Ints
     radio: Ints
@@ -175,25 +175,25 @@ class Heard(NamedTuple):
 
 
 class OnAir(NamedTuple):
-    """What happened on the air in one `advance`."""
+    """What one `advance` brought."""
 
     sent: Sent
     heard: Heard
-    """All that was decoded; the rest too, where the medium was asked for every pair."""
+    """Everything that was decoded; other outcomes too where the medium was asked for every pair."""
 
 
 class ReceptionRows(NamedTuple):
-    """Receptions, row by row: what became of a frame at a receiver that was in reach of it."""
+    """Receptions as columns: the outcome of each frame at each receiver in range."""
 
     time_ns: Ints
     """End of the reception."""
     number: Ints
-    """Which of `Receptions.names` the frame has, and its serial there."""
+    """Which of `Receptions.names` the frame has; its serial there is in `serial`."""
     serial: Ints
     radio: Ints
     """Which of `Receptions.radios` received it."""
     place_enu_m: Floats
-    """(n, 3), where that one was."""
+    """(n, 3), where the receiver was."""
     transport: Ints
     channel: Ints
     rssi_dbm: Floats
@@ -203,7 +203,7 @@ class ReceptionRows(NamedTuple):
 
 
 class Receptions(NamedTuple):
-    """What an owner of a medium tells the record."""
+    """Receptions for the record, from the owner of a medium."""
 
     names: Sequence[tuple[str, str, str]]
     """(link, direction, sender) of frames that were sent through the air."""

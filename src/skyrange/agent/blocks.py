@@ -1,7 +1,7 @@
-"""How do many frames travel as one? Columns of frames that were sent at one instant and share their times and fate.
+"""Blocks of frames: columns of frames that were sent at one instant and share their times and fate.
 
-Telemetry of a fleet leaves in blocks; whatever is tapped, jittered or lost on the way is a `Frame` of its own. Which
-of the two a frame is makes no difference to anything but the time it takes to handle.
+Telemetry of a fleet leaves in blocks; a frame that is tapped, jittered or lost on the way is a `Frame` of its own.
+Whether a frame is in a block makes a difference only to the time that it takes to handle.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from skyrange.core.time import Time
 
 
 class LaneName(NamedTuple):
-    """One direction of one link: what every frame on it has in common that its own sender sent."""
+    """One direction of one link: what all frames have in common that its own source sent."""
 
     link: str
     direction: str
@@ -28,12 +28,12 @@ class LaneName(NamedTuple):
 
 
 class Lanes:
-    """The lanes of one kernel by number, in order of their names; never altered, so copies share it."""
+    """The directed links of one kernel by number, in order of their names. Immutable, so copies share it."""
 
     __slots__ = ("names", "numbers", "places", "ports")
 
     def __init__(self, names: Sequence[LaneName], places: Ints) -> None:
-        """`places` (n,): where the lane's receiving port stands among its owner's `ports`, -1 without an owner."""
+        """`places` (n,): the place of each link's receiving port among its owner's `ports`, -1 without an owner."""
         self.names = names
         self.numbers = {(name.link, name.direction, name.src): number for number, name in enumerate(names)}
         self.ports = [Port(name.dst, name.link) for name in names]
@@ -44,15 +44,25 @@ class Lanes:
 
 
 class FrameBlock:
-    """Frames of the lanes' own sources, one row each, sent at `sent_ns`; `arrived_ns` and `fate` as `Frame` has them.
+    """Frames that directed links' own sources sent at `sent_ns`, one row each; `arrived_ns` and `fate` as in `Frame`.
 
-    Row `i` is frame `serial[i]` of lane `lane[i]` and carries payload `rows[i]` of `payloads` (`rows` None: payload
-    `i`). Its parent, the frame it forwards, is `parent_serial[i]` of lane `parent_lane[i]`; None where none has one.
+    Row `i` is frame `serial[i]` of directed link `lane[i]`. It carries payload `rows[i]` of `payloads`, or
+    payload `i` where `rows` is None. Its parent, the frame that it forwards, is frame `parent_serial[i]` of
+    directed link `parent_lane[i]`; both are None where no row has a parent.
     """
 
     __slots__ = (
-        "arrived_ns", "fate", "lane", "lanes", "parent_lane", "parent_serial", "payloads", "rows", "sent_ns", "serial",
-    )  # fmt: skip
+        "arrived_ns",
+        "fate",
+        "lane",
+        "lanes",
+        "parent_lane",
+        "parent_serial",
+        "payloads",
+        "rows",
+        "sent_ns",
+        "serial",
+    )
 
     def __init__(
         self,
@@ -111,7 +121,7 @@ class FrameBlock:
         return FrameId(name.link, name.direction, name.src, int(self.serial[row]))
 
     def frames(self) -> Iterator[Frame]:
-        """The rows as frames, each with its fate."""
+        """The rows as single frames, with times and fate."""
         names = self.lanes.names
         for row in range(len(self)):
             link, direction, src, dst = names[int(self.lane[row])]

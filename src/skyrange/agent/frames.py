@@ -1,4 +1,4 @@
-"""What is a frame? One protocol unit on one link instance, from sending to its fate."""
+"""Frames: one protocol unit on one link instance, from sending to its fate."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _tuple = tuple.__new__  # half the cost of FrameId's own constructor, and every 
 
 
 class Fate(StrEnum):
-    """How a frame's journey over one link ended."""
+    """How the journey of a frame over one link ended."""
 
     DELIVERED = "delivered"
     LOST = "lost"  # the channel's loss took it (datagram links only)
@@ -24,10 +24,10 @@ class Fate(StrEnum):
 class Frame:
     """A frame on one link instance.
 
-    `sender` is the true sending endpoint (a tap's own for what it injects); `src` and `dst` are what
-    the frame claims. `direction` is `"fwd"` from the link's first end to its second, else `"rev"`.
-    `serial` is the sender's own on this link and direction, from 0. `parent` is the one frame that
-    this one forwards, alters or duplicates. `arrived_ns` is set with the fate.
+    `sender` is the endpoint that truly sent it (a tap's own for what the tap injects); `src` and `dst` are what the
+    frame claims. `direction` is `"fwd"` from the link's first end to its second, else `"rev"`. `serial` counts the
+    sender's frames on this link and direction, from 0. `parent` is the one frame that this one forwards, alters or
+    duplicates. `arrived_ns` is set with the fate.
     """
 
     __slots__ = (

@@ -14,7 +14,7 @@ from skyrange.agent.payloads import Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
 MIN_LATENCY_NS = NS_PER_US
-"""Nothing arrives at the time it was sent (DESIGN: links)."""
+"""Least latency of a channel: nothing arrives at the time at which it was sent."""
 
 
 @dataclass(frozen=True, slots=True)

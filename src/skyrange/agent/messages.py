@@ -1,7 +1,7 @@
-"""What goes into an agent and what comes out of it?
+"""Inboxes and outboxes: what agents and engines receive, send and note.
 
-Both boxes are containers: iterate them frame by frame, or handle many as columns. Payloads are bytes
-always; nothing here knows MAVLink.
+Both are containers: iterate them frame by frame, or handle many frames as columns. Payloads are always bytes; nothing
+here depends on MAVLink.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
 _SERIAL_BITS = 40
-"""More frames than that no sender sends: a million a second for twelve days."""
+"""Bound of a sender's serials: a million frames a second for twelve days."""
 
 Scalar = str | int | float | bool | None
 
@@ -26,8 +26,8 @@ Scalar = str | int | float | bool | None
 class Arrival(NamedTuple):
     """One frame as its receiver sees it.
 
-    `port` is the receiver's own end, `at` the time it arrived (not later than the step's `now`),
-    `src` the *claimed* sender. `ref` is a token to quote in `causes`; an agent never looks inside it.
+    `port` is the receiver's own end, `at` the time of arrival (not later than the step's `now`), `src` the *claimed*
+    sender. `ref` is a token to quote in `causes`; an agent never reads what it is made of.
     """
 
     port: Port
@@ -38,7 +38,7 @@ class Arrival(NamedTuple):
 
 
 class Departure(NamedTuple):
-    """One frame to send from `port`. `causes` names what commanded it; telemetry has none."""
+    """One frame to send from `port`. `causes` names the frames that commanded it; telemetry has none."""
 
     port: Port
     payload: bytes
@@ -46,9 +46,10 @@ class Departure(NamedTuple):
 
 
 class Note(NamedTuple):
-    """Something worth a row: `kind` is `decision.…` or `event.…`, `about` a vehicle, operator or endpoint id.
+    """A decision or an event to be recorded: `kind` is `decision.…` or `event.…`, `about` an id it is about.
 
-    `data` holds scalars only. Decisions quote the frames that caused them.
+    That is the id of a vehicle, operator or endpoint. `data` has scalars only. Decisions name the frames that caused
+    them.
     """
 
     kind: str
@@ -58,10 +59,10 @@ class Note(NamedTuple):
 
 
 class Parents(NamedTuple):
-    """Of which frame each frame of a block is made: frame `serials[i]` of name `names[numbers[i]]`."""
+    """The frame of which each frame of a block is made: frame `serials[i]` of name `names[numbers[i]]`."""
 
     names: Sequence[tuple[str, str, str]]
-    """(link, direction, sender), as `FrameId` has them first."""
+    """(link, direction, sender): the first three fields of a `FrameId`."""
     numbers: Ints
     serials: Ints
 
@@ -71,7 +72,7 @@ class Parents(NamedTuple):
 
 
 class Block(NamedTuple):
-    """Many frames to send, none commanded by another: row `i` leaves from the agent's `ports[places[i]]`."""
+    """Many frames to send, none of them commanded: row `i` leaves from the agent's `ports[places[i]]`."""
 
     places: Ints
     payloads: Payloads
@@ -79,21 +80,21 @@ class Block(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """The mail as columns, in order: the port (by its place), the time of arrival in ns and the payload of each row."""
+    """Frames of an inbox as columns, in order: place of the port, time of arrival in ns and payload of each row."""
 
     places: Ints
     at_ns: Ints
     payloads: Payloads
     order: Ints
-    """Row → its number in the inbox, as `Inbox.arrival` wants it."""
+    """Row → its number in the inbox, as `Inbox.arrival` takes it."""
 
     def take(self, rows: Ints) -> Columns:
-        """Some of the mail, in the order of `rows`."""
+        """Some of the frames, in the order of `rows`."""
         return Columns(self.places[rows], self.at_ns[rows], self.payloads.take(rows), self.order[rows])
 
 
 class Inbox(Sequence[Arrival]):
-    """What arrived since the agent's last step, in (time, lane, sender, serial) order."""
+    """Frames that arrived since the agent's last step, in order of (time, directed link, sender, serial)."""
 
     def __init__(self, arrivals: Sequence[Arrival] = (), blocks: Sequence[FrameBlock] = ()) -> None:
         """`arrivals` are in order; `blocks` need not be."""
@@ -106,12 +107,12 @@ class Inbox(Sequence[Arrival]):
 
     @property
     def singles(self) -> Sequence[Arrival]:
-        """What came frame by frame: numbers 0… of `Columns.order`."""
+        """Frames that arrived singly: numbers 0… of `Columns.order`."""
         return self._singles
 
     @property
     def blocks(self) -> Sequence[FrameBlock]:
-        """What came in blocks: the numbers behind the singles, row by row."""
+        """Frames that arrived in blocks: the numbers after the singles, row by row."""
         return self._blocks
 
     @overload
@@ -130,7 +131,7 @@ class Inbox(Sequence[Arrival]):
         return [arrival.payload for arrival in self._arrivals]
 
     def columns(self, places: Mapping[Port, int]) -> Columns:
-        """The mail as columns; `places` tells where each of the agent's ports stands among them."""
+        """The frames as columns; `places` has the place of each of the agent's ports among them."""
         singles, blocks = self._singles, self._blocks
         order = self._order
         parts = [block.carried() for block in blocks]
@@ -150,10 +151,10 @@ class Inbox(Sequence[Arrival]):
         number -= len(self._singles)
         for block in self._blocks:
             if number < len(block):
-                lane = int(block.lane[number])
-                name = block.lanes.names[lane]
+                link = int(block.lane[number])
+                name = block.lanes.names[link]
                 return Arrival(
-                    block.lanes.ports[lane], block.arrived_ns, block.payload(number), name.src, block.id(number)
+                    block.lanes.ports[link], block.arrived_ns, block.payload(number), name.src, block.id(number)
                 )
             number -= len(block)
         raise IndexError(number)
@@ -169,16 +170,18 @@ class Inbox(Sequence[Arrival]):
         """Numbers of the arrivals in their order; singles count first, then the blocks' rows."""
         if not self._blocks:
             return np.arange(len(self._singles), dtype=np.int64)
-        lanes = self._blocks[0].lanes
-        numbers = [lanes.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
-        if min(numbers, default=0) >= 0:  # lanes are numbered in order of their names
+        block = self._blocks[0]
+        numbers = [block.lanes.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
+        if min(numbers, default=0) >= 0:  # directed links are numbered in order of their names
             rows = np.array([(arrival.ref.serial, arrival.at) for arrival in self._singles], dtype=np.int64)
             rows = rows.reshape(-1, 2)
-            lane = np.concatenate([np.array(numbers, dtype=np.int64), *(block.lane for block in self._blocks)])
+            link = np.concatenate([np.array(numbers, dtype=np.int64), *(block.lane for block in self._blocks)])
             serial = np.concatenate([rows[:, 0], *(block.serial for block in self._blocks)])
             at = np.concatenate([rows[:, 1], *(np.full(len(block), block.arrived_ns) for block in self._blocks)])
-            return np.lexsort((lane << _SERIAL_BITS | serial, at))
-        keys = [_key(arrival) for arrival in self._singles]  # a tap's frames among them: it has no lane
+            return np.lexsort((link << _SERIAL_BITS | serial, at))
+        keys = [
+            _key(arrival) for arrival in self._singles
+        ]  # a tap's frames among them: their sender is no link's source
         for block in self._blocks:
             for row in range(len(block)):
                 id_ = block.id(row)
@@ -195,7 +198,7 @@ EMPTY_INBOX = Inbox()
 
 
 class Outbox:
-    """What an agent sends and says in one step, in the order it says it; blocks leave after single frames."""
+    """Frames and notes of an agent in one step, in order; blocks leave after single frames."""
 
     __slots__ = ("blocks", "departures", "notes")
 
@@ -209,14 +212,14 @@ class Outbox:
         self.departures.append(Departure(port, payload, causes))
 
     def send_block(self, places: Ints, payloads: Payloads, parents: Parents | None = None) -> None:
-        """Send `payloads[i]` from the agent's `ports[places[i]]`, all of them, after what is sent singly.
+        """Send every `payloads[i]` from the agent's `ports[places[i]]`, after what is sent singly.
 
-        `parents` names the frames of which these are made: what an agent alters or passes on.
+        `parents` names the frames of which these are made, where an agent alters or passes on what it received.
         """
         self.blocks.append(Block(places, payloads, parents))
 
     def each(self, ports: Sequence[Port]) -> Iterator[Departure]:
-        """Everything sent, frame by frame; `ports` are the agent's."""
+        """All frames, singly; `ports` are the agent's."""
         yield from self.departures
         for places, payloads, _ in self.blocks:
             for place, payload in zip(places.tolist(), payloads, strict=True):

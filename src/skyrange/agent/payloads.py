@@ -1,4 +1,4 @@
-"""How are many payloads held together? A column of byte strings: one buffer, and where each one lies in it."""
+"""Payload columns: many byte strings in one buffer, with the start and size of each."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _gather(data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) ->
 
 
 class Payloads:
-    """Payload `i` is `data[starts[i] : starts[i] + sizes[i]]`. Not altered once made, so parts may share a buffer."""
+    """Payload `i` is `data[starts[i] : starts[i] + sizes[i]]`. Immutable, so that columns may share a buffer."""
 
     __slots__ = ("data", "sizes", "starts")
 
@@ -42,7 +42,7 @@ class Payloads:
 
     @classmethod
     def join(cls, columns: Iterable[Payloads]) -> Payloads:
-        """One column of several, in their order, in a buffer of its own that holds nothing else."""
+        """One column of several, in their order, in a buffer that holds nothing else."""
         parts = [column.compact() for column in columns]
         if len(parts) == 1:
             return parts[0]
@@ -51,11 +51,11 @@ class Payloads:
         return cls(data, _starts(sizes), sizes)
 
     def take(self, rows: Ints) -> Payloads:
-        """Some of the payloads, which stay where they lie."""
+        """Some of the payloads, in the same buffer."""
         return Payloads(self.data, self.starts[rows], self.sizes[rows])
 
     def compact(self) -> Payloads:
-        """The same payloads one after the other, with nothing between them."""
+        """The same payloads in a buffer without gaps."""
         starts = _starts(self.sizes)
         total = int(starts[-1] + self.sizes[-1]) if len(self) else 0
         if total == len(self.data) and np.array_equal(starts, self.starts):

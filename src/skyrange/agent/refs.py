@@ -1,7 +1,7 @@
-"""How does an agent remember which of very many frames told it something? As two numbers each, not as an object.
+"""References to frames as columns: two numbers for each frame instead of an object.
 
-A `FrameId` is three names and a serial. The names are few: they are numbered in a book, and state that outlives a step
-keeps (number, serial) in its columns. The id is put together again when it is quoted in `causes`.
+A `FrameId` is three names and a serial. The names are few: a table numbers them, and state that outlives a step keeps
+(number, serial) in its columns. The id is made again when it is quoted in `causes`.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from skyrange.agent.payloads import Ints
 from skyrange.core.ids import FrameId
 
 NO_REF = -1
-"""The number that stands for no frame."""
+"""Stands for no frame."""
 
 
 class RefBook:
-    """The names that an agent's frames came under, numbered as they turn up. Deep-copyable."""
+    """The names of the frames that an agent received, numbered in order of first arrival. Deep-copyable."""
 
-    __slots__ = ("_lanes", "_names", "_numbers", "_of_lane")
+    __slots__ = ("_names", "_numbers", "_of_link", "_table")
 
     def __init__(self) -> None:
         self._names: list[tuple[str, str, str]] = []
         self._numbers: dict[tuple[str, str, str], int] = {}
-        self._lanes: Lanes | None = None
-        self._of_lane = np.zeros(0, dtype=np.int64)
+        self._table: Lanes | None = None
+        self._of_link = np.zeros(0, dtype=np.int64)
 
     def read(self, inbox: Inbox, order: Ints) -> tuple[Ints, Ints]:
         """(n,) numbers and (n,) serials of the arrivals `order`, as `Columns.order` numbers them."""
@@ -40,7 +40,7 @@ class RefBook:
         at = len(singles)
         for block in blocks:
             part = slice(at, at + len(block))
-            numbers[part], serials[part] = self._lane_numbers(block.lanes, block.lane), block.serial
+            numbers[part], serials[part] = self._number_links(block.lanes, block.lane), block.serial
             at += len(block)
         return numbers[order], serials[order]
 
@@ -50,7 +50,7 @@ class RefBook:
         return self._names
 
     def parents(self, numbers: Ints, serials: Ints) -> Parents:
-        """The same frames as what a block is made of; none of them `NO_REF`."""
+        """The same frames as parents of a block; none of them may be `NO_REF`."""
         return Parents(self._names, numbers, serials)
 
     def id(self, number: int, serial: int) -> FrameId | None:
@@ -64,11 +64,11 @@ class RefBook:
             self._names.append(name)
         return found
 
-    def _lane_numbers(self, lanes: Lanes, lane: Ints) -> Ints:
-        if self._lanes is not lanes:
-            self._lanes = lanes
-            self._of_lane = np.full(len(lanes.names), NO_REF, dtype=np.int64)
-        found = self._of_lane[lane]
-        for new in np.unique(lane[found == NO_REF]).tolist():
-            self._of_lane[new] = self._number(lanes.names[new][:3])
-        return self._of_lane[lane]
+    def _number_links(self, table: Lanes, links: Ints) -> Ints:
+        if self._table is not table:
+            self._table = table
+            self._of_link = np.full(len(table.names), NO_REF, dtype=np.int64)
+        found = self._of_link[links]
+        for new in np.unique(links[found == NO_REF]).tolist():
+            self._of_link[new] = self._number(table.names[new][:3])
+        return self._of_link[links]

@@ -1,4 +1,4 @@
-"""What may a tap decide about a frame, and what is written down when it was hostile?"""
+"""Verdicts of taps on frames, and labels of hostile acts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Replace:
 class Inject:
     """Put a new frame on the link in `direction`, claiming `src` and `dst`.
 
-    It meets only what lies after the tap that way. `parent` names the frame it replays, if any.
+    It meets only what comes after the tap in that direction. `parent` names the frame that it replays, if any.
     """
 
     payload: bytes
@@ -55,9 +55,8 @@ Verdict = Pass | Drop | Delay | Replace | Inject
 class Label(NamedTuple):
     """One hostile act, written by the kernel: who did what to which frame or sensor, and when.
 
-    `frame` is the frame acted on or put on the link; `child` the one that a replacement put in its
-    place. `until_ns` is set for delays. For "sensor", `frame` is the act's own id, whose link is the
-    sensor: `gnss:blue/b1`.
+    `frame` is the frame acted on or put on the link, `child` the one that a replacement put in its place. `until_ns` is
+    set for delays. For "sensor", `frame` is the act's own id, whose link is the sensor: `gnss:blue/b1`.
     """
 
     at_ns: Time

@@ -1,1 +1,1 @@
-"""What every part shares: time, ids, geodesy, volumes, addressed chance, errors."""
+"""What every package shares: time, ids, geodesy, volumes, addressed chance, compilation, errors."""

@@ -1,9 +1,8 @@
-"""What number does chance give to (seed, stream, who, when, k)? Always the same one.
+"""Addressed, counter-based chance: a random number is a function of (seed, stream, who, when, k).
 
-Addressed, counter-based chance: no generator has state, so drawing one number never shifts
-another's luck. Philox4x64-10 of Salmon, Moraes, Dror & Shaw, "Parallel random numbers: as easy as
-1, 2, 3" (SC'11, doi 10.1145/2063384.2063405), table 2; the multipliers and Weyl constants are
-theirs, and the output equals that of `numpy.random.Philox`. One numba kernel serves numba and
+No generator has state, so drawing one number never changes another. Philox4x64-10 of Salmon, Moraes, Dror & Shaw,
+"Parallel random numbers: as easy as 1, 2, 3" (SC'11, doi 10.1145/2063384.2063405), table 2; the multipliers and Weyl
+constants are theirs, and the output equals that of `numpy.random.Philox`. One compiled function serves compiled and
 numpy callers alike.
 """
 
@@ -58,7 +57,7 @@ def philox(
 def uniform4(
     seed: np.uint64, stream: np.uint64, who: np.uint64, when: np.uint64, k: np.uint64
 ) -> tuple[float, float, float, float]:
-    """Four independent uniforms in [0, 1) for one address; callable from Python and from kernels."""
+    """Four independent uniforms in [0, 1) for one address; callable from Python and from compiled functions."""
     a, b, c, d = philox(seed, stream, who, when, k, np.uint64(0))
     return (
         (a >> _11) * _UNIT,
@@ -97,8 +96,8 @@ class Chance:
     def uniform4(self, stream: str, who: int, when: int, k: int = 0) -> tuple[float, float, float, float]:
         """Four uniforms in [0, 1) for (stream, who, when, k).
 
-        `who` is a 64-bit address (see `hash64`), `when` nanoseconds, `k` the index among draws that
-        share all the rest.
+        `who` is a 64-bit address (see `hash64`), `when` is in nanoseconds, `k` is the index among draws that share all
+        the rest.
         """
         return uniform4(
             self._seed,

@@ -1,18 +1,19 @@
-"""How is a numeric kernel compiled? One way for all: cached, IEEE-exact, single-threaded.
+"""Compilation of numeric functions with numba: cached, IEEE-exact, single-threaded.
 
-No fastmath and no parallel reductions, because a run's bytes must not depend on the machine's mood.
+There is no fastmath and no parallel reduction, because the bytes of a run must be the same whatever the load.
 
-numba's cache notices a change in a kernel's own file, but not in the kernels it calls from other files,
-and would go on with what those once were. So the cache's folder is named after the text of all kernel
-modules together: change one, and all are compiled anew.
+numba's cache notices a change in a function's own file, but not in compiled functions of other files that it calls, and
+would go on with their old code. So the cache's folder is named after the text of all modules with compiled functions
+together: when one changes, all are compiled anew.
 
-Nor is numba's cache made for several processes that fill it at once, as those of a live range do: `_Shared` is.
+numba's cache is not made for several processes that fill it at once, as those of a live range do; `_Shared` is.
 """
 
 from __future__ import annotations
 
 import fcntl
 import os
+import re
 from collections.abc import Callable
 from functools import cache
 from hashlib import blake2b
@@ -29,27 +30,27 @@ R = TypeVar("R")
 
 config: Any = numba_config
 
-_MARK = b"skyrange.core.compiled import kernel"
+_MARK = re.compile(rb"skyrange\.core\.compiled import kernel\b")
 
 
 class _Shared(FunctionCache):
-    """numba's cache of one kernel, for any number of processes at once.
+    """numba's cache of one function, for any number of processes at once.
 
-    numba numbers the files of a kernel's signatures in an index that it reads, extends and writes back. Two processes
+    numba numbers the files of a function's signatures in an index that it reads, extends and writes back. Two processes
     that do so together give one number to two signatures, and the index then leads from one signature to the code of
-    the other: called, it computes on its arguments as if they were of other types, and since it is never found to be
-    the code that was asked for, it is loaded again at every call, 10 ms and 60 kB each.
+    the other. When called, that code computes on its arguments as if they were of other types; and since it is never
+    the code that was asked for, it is loaded again at every call, 10 ms and 60 kB each time.
     """
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the code `data` of the signature `sig`, one process after the other."""
         self._impl.locator.ensure_cache_path()
         with (Path(self.cache_path) / ".lock").open("a") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)  # let go of when it is closed, or its process has died
+            fcntl.flock(lock, fcntl.LOCK_EX)  # released when the file is closed or its process has died
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The code kept of `sig`; None if there is none, or if it is another's, and is compiled anew."""
+        """The cached code of `sig`; None if there is none or it is another signature's, so that it is compiled anew."""
         found: Any = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         asked, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
         return found if found is not None and tuple(found.signature.args) == tuple(asked) else None
@@ -68,24 +69,24 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def compiled_before() -> bool:
-    """Whether this version's kernels were compiled here before; if not, the first run takes some seconds longer."""
+    """Whether this version's functions were compiled here before; if not, the first run takes some seconds longer."""
     folder = _cache_folder()
     return bool(folder) and any(Path(folder).rglob("*.nbi"))
 
 
 @cache
 def _cache_folder() -> str:
-    """Where compiled kernels are kept: beside the package, else with the user; "" leaves it to numba."""
+    """The folder of compiled functions: beside the package, else with the user; "" leaves it to numba."""
     package = Path(__file__).parent.parent
     digest = blake2b(digest_size=8)
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
-        if _MARK in text:
+        if _MARK.search(text) or path == Path(__file__):
             digest.update(text)
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "skyrange"
     for home in (package / "__pycache__", user):
         if not home.is_absolute():
-            continue  # nobody's home: a user that the system does not know
+            continue  # the system does not know the user, so there is no home directory
         folder = home / f"kernels-{digest.hexdigest()}"
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Which ellipsoid is the Earth? WGS 84's constants (NIMA TR8350.2)."""
+"""Constants of the WGS 84 ellipsoid (NIMA TR8350.2)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who is at fault, with what value, what was expected, and what to do about it?
+"""Errors: who is at fault, the value, what was expected, and what to do.
 
 Exit codes (also of the command line): 2 bad input, 3 a component failed, 4 the run fell short.
 """
@@ -20,7 +20,7 @@ class SkyrangeError(Exception):
     exit_code = 3
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickled as it is: not by its message, which is no argument of its own."""
+        """Pickled with its attributes, since the message is no argument of its constructor."""
         return _remade, (type(self), self.args, self.__dict__)
 
 
@@ -32,10 +32,10 @@ def _remade(kind: type[SkyrangeError], args: tuple[Any, ...], state: dict[str, A
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing wrong with an input.
+    """One thing that is wrong with an input.
 
-    `where` names the file, line or key; `value` is what stood there, as text; `expected` says what
-    should have; `hint` says what to do and may be empty.
+    `where` names the file, line or key; `value` is what was found there, as text; `expected` says what was expected;
+    `hint` says what to do and may be empty.
     """
 
     where: str
@@ -49,25 +49,25 @@ class Fault:
 
 
 class InputError(SkyrangeError):
-    """A scenario, a file or an argument is wrong; carries all its faults at once."""
+    """A scenario, a file or an argument is wrong; has all its problems at once."""
 
     exit_code = 2
 
     def __init__(self, who: str, faults: Sequence[Fault]) -> None:
-        """`who` is to blame (a file's name, "scenario", an option); `faults` is not empty."""
+        """`who` is at fault (a file's name, "scenario", an option); `faults` is not empty."""
         self.who = who
         self.faults = tuple(faults)
-        lines = "\n".join(f"  {fault}" for fault in self.faults)
+        lines = "\n".join(f"  {problem}" for problem in self.faults)
         super().__init__(f"{who}:\n{lines}" if len(self.faults) > 1 else f"{who}: {self.faults[0]}")
 
     @classmethod
     def one(cls, who: str, where: str, value: object, expected: str, hint: str = "") -> InputError:
-        """An error with a single fault."""
+        """An error with a single problem."""
         return cls(who, [Fault(where, value if isinstance(value, str) else repr(value), expected, hint)])
 
 
 class ComponentError(SkyrangeError):
-    """An agent, tap, engine or peer broke its contract or fell silent."""
+    """An agent, tap, engine or peer broke its contract or stopped answering."""
 
     exit_code = 3
 
@@ -77,7 +77,7 @@ class ComponentError(SkyrangeError):
 
 
 class ShortfallError(SkyrangeError):
-    """The run ended before it did what was asked; what was recorded is whole, and in the folder `path`."""
+    """The run ended before it did what was asked; its record up to there is whole, in the folder `path`."""
 
     exit_code = 4
 
@@ -87,7 +87,7 @@ class ShortfallError(SkyrangeError):
 
 
 class DecodeError(SkyrangeError):
-    """Bytes that are not what they should be; the only error a decoder raises."""
+    """Bytes that are not what was expected; the only error that a decoder raises."""
 
     exit_code = 3
 
@@ -100,7 +100,7 @@ def attribute_error(who: str, now: Time, error: Exception) -> Exception:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """A hint naming the known spelling closest to `word`, or listing all of a few, or ""."""
+    """A hint that names the known spelling closest to `word`, or lists the known ones if they are few; or ""."""
     options = sorted(set(known))
     close = difflib.get_close_matches(word, options, n=1, cutoff=0.6)
     if close:

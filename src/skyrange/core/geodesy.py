@@ -1,4 +1,4 @@
-"""How do east/north/up metres relate to WGS 84? One invertible map around the scenario's origin.
+"""Conversion between WGS 84 and east/north/up metres: one invertible map around the scenario's origin.
 
 Mid-latitude equirectangular projection with the ellipsoid's radii of curvature taken at the mean
 latitude of point and origin (Snyder, "Map Projections — A Working Manual", USGS PP 1395, p. 25,
@@ -73,7 +73,7 @@ class Origin:
 def _pointwise(
     convert: Convert, lat0_deg: float, lon0_deg: float, first: ArrayLike, second: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Apply a kernel to arrays of any one shape; plain contiguous ones go straight through."""
+    """Apply a compiled function to arrays of any one shape; contiguous one-dimensional ones without copying."""
     import numpy as np
 
     a = np.ascontiguousarray(first, dtype=np.float64)

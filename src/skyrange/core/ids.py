@@ -1,8 +1,7 @@
-"""What is everything called? Vehicles, endpoints, link instances, frames — and their stable hashes.
+"""Identifiers of vehicles, endpoints, link instances and frames, and their stable hashes.
 
-`blue/b1` is a vehicle, `blue/b1.autopilot` one of its endpoints, `gcs:blue/b1` one link instance.
-These names stand in every log, label and figure, and they address chance, so they never depend on
-the order in which things were registered.
+`blue/b1` is a vehicle, `blue/b1.autopilot` one of its endpoints, `gcs:blue/b1` one link instance. These names are in
+every log, label and figure, and they address chance, so they never depend on the order of registration.
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ APPROVAL = "approval"
 
 
 class Port(NamedTuple):
-    """One end of one link, as its owner sees it: where an agent sends from and receives at."""
+    """One end of one link: where its owner sends and receives."""
 
     endpoint: str
     link: str
 
 
 class FrameId(NamedTuple):
-    """Identity of a frame: the link, its direction, who truly sent it there, and that sender's serial number there."""
+    """Identity of a frame: the link, its direction, the true sender, and that sender's serial number there."""
 
     link: str
     direction: str
@@ -59,9 +58,9 @@ def endpoint(owner: str, role: str) -> str:
 
 
 def own_voice(endpoint_name: str) -> str:
-    """The sender of what an endpoint says on a link on which it otherwise forwards: `blue/b1.companion.own`.
+    """The true sender of what an endpoint sends on a link over which it otherwise forwards: `blue/b1.companion.own`.
 
-    It has serials of its own, so what is forwarded there is numbered as if the endpoint had said nothing.
+    It has serials of its own, so that what is forwarded there is numbered as if the endpoint had sent nothing.
     """
     return endpoint(endpoint_name, "own")
 

@@ -1,7 +1,7 @@
-"""How are metres and degrees converted, point by point? The kernels behind `geodesy.Origin`.
+"""Conversion of metres and degrees point by point: the compiled functions behind `geodesy.Origin`.
 
-One scalar path for one point and for thousands, so that an aircraft's numbers never depend on how many
-are converted with it (numpy's vector and remainder loops promise no such thing).
+One scalar computation serves one point and thousands, so that an aircraft's numbers never depend on how many are
+converted with it; numpy's vector and remainder loops do not promise that.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
-"""What is time here? Integer nanoseconds since the scenario's start, and their place in UTC.
+"""Simulated time: integer nanoseconds since the scenario's start, and their relation to UTC.
 
-Nothing in simulated code reads a clock: time is passed in (DESIGN: "time belongs to the kernel").
-Negative times are the pre-roll, in which real engines boot.
+Simulated code reads no clock: time is passed in. Negative times are the pre-roll, in which real engines boot.
 """
 
 from __future__ import annotations
@@ -18,10 +17,10 @@ NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
 
 GPS_LEAP_S = 18
-"""GPS time is that far ahead of UTC since 2017 (IERS Bulletin C 52)."""
+"""Seconds by which GPS time is ahead of UTC since 2017 (IERS Bulletin C 52)."""
 
 NEVER: Time = 2**63 - 1
-"""Later than any moment a run can reach (292 years)."""
+"""Later than any time that a run can reach (292 years)."""
 
 
 class Phase(IntEnum):
@@ -41,7 +40,7 @@ def from_seconds(seconds: float) -> Time:
 
 
 def to_seconds(time: Time) -> float:
-    """Seconds as a float, for people and for tables that promise no exactness."""
+    """Seconds as a float, for display and for tables that promise no exactness."""
     return time / NS_PER_S
 
 
@@ -52,7 +51,7 @@ def ceil_to(time: Time, grid: Time) -> Time:
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """Where simulated time 0 lies in UTC (leap seconds ignored, as Unix time does)."""
+    """UTC of simulated time 0 (leap seconds are ignored, as in Unix time)."""
 
     unix_ns: int
 

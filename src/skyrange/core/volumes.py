@@ -1,4 +1,4 @@
-"""What part of space and time does a plan claim? The 4-D volume of ASTM F3548-21 (Volume4D).
+"""The 4-D volume that a plan claims: Volume4D of ASTM F3548-21.
 
 Heights are above the WGS 84 ellipsoid, as F3548 (Altitude, reference W84, units M) asks.
 """

@@ -1,4 +1,4 @@
-"""Run agents, engines and a world in virtual time, move every frame over its link, and lose nothing."""
+"""The simulation kernel: agents, engines and a world in virtual time, and every frame on its links."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""When does a frame come out of a fixed channel, if it does?
+"""State of a fixed channel: whether and when a frame comes out of it.
 
-The order of effects is that of a network interface: bounded queue, serialisation at the rate, then
-propagation with jitter. Chance is addressed by the caller; what state there is (the queue and the
-last arrival) is queueing, which is modelled interference between frames.
+The order of effects is that of a network interface: bounded queue, serialisation at the rate, then propagation with
+jitter. Chance is addressed by the caller. What state there is, the queue and the last arrival, is queueing, which is
+modelled interference between frames.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ RETRANSMIT_MAX_NS = 60 * NS_PER_S
 
 Uniforms = tuple[float, float, float, float]
 NO_CHANCE: Uniforms = (1.0, 0.0, 1.0, 1.0)
-"""Stands in where a channel is not random: never lost, no jitter, never doubled, never reordered."""
+"""Uniforms where a channel is not random: never lost, no jitter, never duplicated, never reordered."""
 
 
 class ChannelState:
@@ -31,7 +31,7 @@ class ChannelState:
     def __init__(self, spec: Channel) -> None:
         self.spec = spec
         self.steady = not spec.random and spec.rate_bps <= 0.0
-        """Whether a frame's delay depends on neither chance nor its size: what most links are."""
+        """Whether a frame's delay depends on neither chance nor its size, as on most links."""
         self._latency_ns = spec.latency_ns
         self._busy_until: Time = -(2**62)
         self._last_arrival: Time = -(2**62)
@@ -39,8 +39,8 @@ class ChannelState:
     def carry(self, now: Time, size: int, luck: Uniforms) -> tuple[Fate, Time, Time | None]:
         """Send `size` bytes at `now`: (fate, arrival, arrival of a duplicate or None).
 
-        `luck` holds the uniforms for loss, jitter, duplication and reordering. The arrival counts
-        only when the fate is DELIVERED.
+        `luck` has the uniforms in [0, 1) for loss, jitter, duplication and reordering. The arrival is meaningful only
+        when the fate is DELIVERED.
         """
         if self.steady:
             return Fate.DELIVERED, now + self._latency_ns, None
@@ -69,17 +69,17 @@ class ChannelState:
         else:
             arrival = max(arrival, self._last_arrival)
             self._last_arrival = arrival
-        # the copy takes a path of its own and comes a propagation delay later, as a late link-layer repeat does
+        # the copy takes its own path and comes a propagation delay later, as a late link-layer repeat does
         twin = arrival + spec.latency_ns if luck[2] < spec.duplicate else None
         return Fate.DELIVERED, arrival, twin
 
-    def _retransmission_ns(self, luck: float) -> Time:
+    def _retransmission_ns(self, uniform: float) -> Time:
         """Delay by repeated losses: the time-out doubles at each (RFC 6298 §5.5); no fast retransmit is modelled."""
         loss = self.spec.loss
-        if luck >= loss:
+        if uniform >= loss:
             return 0
-        # `luck` < loss**n exactly when n attempts in a row were lost: one draw serves all of them
-        losses = 64 if loss >= 1.0 or luck <= 0.0 else min(64, int(math.log(luck) / math.log(loss)))
+        # `uniform` < loss**n exactly when n attempts in a row were lost: one draw serves all of them
+        losses = 64 if loss >= 1.0 or uniform <= 0.0 else min(64, int(math.log(uniform) / math.log(loss)))
         timeout = max(RETRANSMIT_MIN_NS, 2 * self.spec.latency_ns)
         total = 0
         for _ in range(losses):

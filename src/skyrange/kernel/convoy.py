@@ -1,6 +1,6 @@
-"""How does a block of frames travel? Its express flies it, its landing is an event, and held-up rows go on singly.
+"""Forwarding of blocks: the fast path works out their hops; here they meet time and the frames that travel singly.
 
-`kernel.express` works out the ways and the hops; here they meet time and the single frames of `kernel.traffic`.
+A delivery of blocks is an event. Rows whose directed link has single frames waiting continue singly beside those.
 """
 
 from __future__ import annotations
@@ -16,107 +16,115 @@ from skyrange.agent.messages import Parents
 from skyrange.agent.payloads import Ints, Payloads
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Time
-from skyrange.kernel.events import DELIVERY, GO_ON, LAND, WAKEUP, Event, wake_box, wake_forwarder
-from skyrange.kernel.express import Express, Landing, Onward
-from skyrange.kernel.lane import Forwarder, Lane
+from skyrange.kernel.events import (
+    DELIVER_BLOCKS,
+    DELIVERY,
+    RESUME_BLOCKS,
+    WAKEUP,
+    Event,
+    schedule_mailbox,
+    schedule_route,
+)
+from skyrange.kernel.express import BlockDelivery, FastPath, PendingHop
+from skyrange.kernel.lane import Lane, RouteQueue
 from skyrange.kernel.monitors import Monitors
 
 
-def _came(frame: Frame) -> tuple[Time, str, int]:
+def _arrival_order(frame: Frame) -> tuple[Time, str, int]:
     """The order in which frames come out of one channel."""
     return frame.arrived_ns, frame.sender, frame.serial
 
 
-class Convoy:
+class BlockForwarder:
     """All blocks under way in one kernel."""
 
-    def __init__(self, heap: list[Event], lanes: Sequence[Lane], forwarders: dict[str, Forwarder]) -> None:
-        """`lanes` by number; `heap` and `forwarders`, what waits at routes by their names, are those of single frames.
+    def __init__(self, heap: list[Event], links: Sequence[Lane], queues: dict[str, RouteQueue]) -> None:
+        """`links` by number; `heap` and `queues`, the frames that wait at routes by name, are those of single frames.
 
-        `open` it once the lanes are wired.
+        Call `open_paths` once the links are wired.
         """
         self._heap = heap
-        self._lanes = lanes
-        self._forwarders = forwarders
-        self._express = Express([], {})
+        self._links = links
+        self._queues = queues
+        self._fast_path = FastPath([], {})
         self._monitors: Monitors | None = None
         self._events = 0
 
-    def open(self, ports: dict[Port, int], fuse: bool, monitors: Monitors) -> None:
-        """Work out which lanes blocks may take; `ports` is the place of every owned port among its owner's."""
-        self._express = Express(self._lanes if fuse else [], ports)
+    def open_paths(self, ports: dict[Port, int], fuse: bool, monitors: Monitors) -> None:
+        """Work out the paths of blocks; `ports` has the place of every owned port among its owner's."""
+        self._fast_path = FastPath(self._links if fuse else [], ports)
         self._monitors = monitors if monitors.slots else None
 
-    def ways(self, lanes: Ints, parents: Parents | None) -> tuple[Ints, Ints | None]:
-        """(n,) the express of each row, -1 for a row that travels singly; and the lane number of each parent."""
-        express = self._express
-        ways = express.way[lanes] if len(express.way) else np.full(len(lanes), -1, dtype=np.int64)
-        above = express.lanes_of(parents) if parents is not None else None
-        if above is not None:  # columns know the lanes' own frames; a tap's has none of them for its parent
-            ways = np.where(np.isin(lanes, lanes[above < 0]), -1, ways)  # whole lanes, to keep their order
-        return ways, above
+    def choose_paths(self, links: Ints, parents: Parents | None) -> tuple[Ints, Ints | None]:
+        """(n,) the path of each row, -1 for a row that travels singly; and the directed link of each parent."""
+        fast = self._fast_path
+        paths = fast.path_of[links] if len(fast.path_of) else np.full(len(links), -1, dtype=np.int64)
+        parent_links = fast.find_parent_links(parents) if parents is not None else None
+        if parent_links is not None:  # columns know frames of the links' own sources; a tap's frame is none of them
+            paths = np.where(np.isin(links, links[parent_links < 0]), -1, paths)  # whole links, to keep their order
+        return paths, parent_links
 
     def send(
         self,
         now: Time,
-        way: int,
-        lanes: Ints,
+        path: int,
+        links: Ints,
         payloads: Payloads,
-        parent_lane: Ints | None,
-        parent_serial: Ints | None,
+        parent_links: Ints | None,
+        parent_serials: Ints | None,
     ) -> None:
-        """Send `payloads[i]` from the source of lane number `lanes[i]`, all of one express."""
-        counters = self._lanes[0].counters
-        self._await(self._express.fly(now, way, lanes, payloads, parent_lane, parent_serial, counters))
+        """Send `payloads[i]` from the source of directed link `links[i]`, all of one path."""
+        sent_counts = self._links[0].sent_counts
+        self._schedule(self._fast_path.send(now, path, links, payloads, parent_links, parent_serials, sent_counts))
 
-    def land(self, now: Time, landing: Landing) -> None:
-        """Hand what has come to its mailboxes, or have it go on."""
-        for onward in landing.onward:  # before any forwarder of that moment: "" is less than their names
+    def deliver(self, now: Time, delivery: BlockDelivery) -> None:
+        """Put what has arrived into its mailboxes, or have it sent on."""
+        for pending in delivery.pending:  # before any route queue of that moment: "" is less than their names
             self._events += 1
-            heappush(self._heap, ((onward.sent << 3) | WAKEUP, "", "", self._events, GO_ON, onward))
-        if not landing.to_box:
+            heappush(self._heap, ((pending.sent << 3) | WAKEUP, "", "", self._events, RESUME_BLOCKS, pending))
+        if not delivery.to_mailboxes:
             return
-        block, express = landing.hops[-1], self._express
-        owners = express.box_of[block.lane]
+        block, fast = delivery.hops[-1], self._fast_path
+        owners = fast.mailbox_of[block.lane]
         for owner in np.unique(owners).tolist():
             rows = np.flatnonzero(owners == owner)
-            box = express.boxes[owner]
+            box = fast.mailboxes[owner]
             box.blocks.append(block if len(rows) == len(block) else block.take(rows))
-            wake_box(self._heap, now, box)
+            schedule_mailbox(self._heap, now, box)
 
-    def go_on(self, now: Time, onward: Onward) -> None:
-        """Send blocks on; those whose lane has single frames waiting at this moment wait with them, in their order."""
-        busy = {waiting.forward.lane.number for waiting in self._forwarders.values() if waiting.frames}
+    def resume(self, now: Time, pending: PendingHop) -> None:
+        """Send blocks on; rows whose link has single frames waiting at this moment wait with them, in their order."""
+        busy = {queue.hop.link.number for queue in self._queues.values() if queue.frames}
         if busy:
-            lanes = onward.lanes
-            held = np.isin(lanes, list(busy))
+            links = pending.links
+            held = np.isin(links, list(busy))
             if held.any():
-                self._hold(now, onward.take(held), lanes[held])
-                onward = onward.take(~held)
-        if len(onward.rows):
-            self._await(self._express.go_on(onward, self._lanes[0].counters))
+                self._queue_singly(now, pending.take(held), links[held])
+                pending = pending.take(~held)
+        if len(pending.rows):
+            self._schedule(self._fast_path.resume(pending, self._links[0].sent_counts))
 
-    def _hold(self, now: Time, onward: Onward, lanes: Ints) -> None:
-        """Let rows of a block wait as single frames beside those that wait already."""
-        waiting = {forwarder.forward.lane.number: forwarder for forwarder in self._forwarders.values()}
-        frames = onward.block.take(onward.rows).frames()
-        for lane, frame in zip(lanes.tolist(), frames, strict=True):
-            forwarder = waiting[lane]
-            forwarder.frames.append(frame)
-            forwarder.frames.sort(key=_came)
-            wake_forwarder(self._heap, now, forwarder)
+    def _queue_singly(self, now: Time, pending: PendingHop, links: Ints) -> None:
+        """Have rows of a block wait as single frames beside those that wait already."""
+        queues = {queue.hop.link.number: queue for queue in self._queues.values()}
+        frames = pending.block.take(pending.rows).frames()
+        for link, frame in zip(links.tolist(), frames, strict=True):
+            queue = queues[link]
+            queue.frames.append(frame)
+            queue.frames.sort(key=_arrival_order)
+            schedule_route(self._heap, now, queue)
 
-    def _await(self, landings: Sequence[Landing]) -> None:
-        for landing in landings:
+    def _schedule(self, deliveries: Sequence[BlockDelivery]) -> None:
+        for delivery in deliveries:
             if self._monitors is not None:
-                self._monitors.take_blocks(landing.hops)
-            self._events += 1  # only so that no two events are alike: the order of landings shows nowhere
-            heappush(self._heap, ((landing.arrival << 3) | DELIVERY, "", "", self._events, LAND, landing))
+                self._monitors.take_blocks(delivery.hops)
+            self._events += 1  # only so that no two events are equal: the order of deliveries shows nowhere
+            heappush(self._heap, ((delivery.arrival << 3) | DELIVERY, "", "", self._events, DELIVER_BLOCKS, delivery))
 
 
-def begun(now: Time, landing: Landing) -> list[FrameBlock]:
-    """The hops that had begun when the run ended at `now`: those that had not arrived are in flight for ever."""
-    found = [block for block in landing.hops if block.sent_ns <= now]
+def cut_off(now: Time, delivery: BlockDelivery) -> list[FrameBlock]:
+    """The hops that had begun when the run ended at `now`; those that had not arrived stay in flight."""
+    found = [block for block in delivery.hops if block.sent_ns <= now]
     for block in found:
         if block.arrived_ns > now:
             block.arrived_ns = NEVER

@@ -1,9 +1,9 @@
-"""How do many frames travel at once? Fused routes, followed for a whole block with a few array operations.
+"""The fast path: a block of frames followed over fused routes with a few array operations.
 
-A lane starts an *express* when everything on the way is declared, untapped and steady: then all frames that leave at
-one instant keep the same times on every hop, and only their serials differ. Which lanes share one express is worked
-out from the wiring; all others take the way of single frames, and nobody can tell from the record which it was. On a
-*staged* hop somebody speaks beside what is forwarded: there blocks wait for their time before they go on.
+A directed link begins a *path* when everything on the way is declared, untapped and steady. Then all frames that leave
+at one instant have the same times on every hop, and only their serials differ. The wiring decides which links share a
+path; frames on all others travel singly, and the record does not tell which it was. On a *staged* hop an agent sends
+beside what is forwarded: there blocks wait until their time before they continue.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ Select = Callable[[bytes], bool]
 
 
 @kernel
-def _serials(lanes: Ints, counters: Ints) -> Ints:
-    """Each row's serial on its lane, counting them up."""
-    out = np.empty_like(lanes)
-    for row in range(lanes.shape[0]):
-        lane = lanes[row]
-        out[row] = counters[lane]
-        counters[lane] += 1
+def _take_serials(links: Ints, sent_counts: Ints) -> Ints:
+    """Each row's serial on its directed link, counting them up."""
+    out = np.empty_like(links)
+    for row in range(links.shape[0]):
+        link = links[row]
+        out[row] = sent_counts[link]
+        sent_counts[link] += 1
     return out
 
 
-class _Stop:
-    """One hop of an express: which lane it is for every lane that the express starts from."""
+class _Hop:
+    """One hop of a path: which directed link it is for every link that begins the path."""
 
-    __slots__ = ("boxed", "lane_of", "latency_ns", "next", "select", "service_ns", "staged")
+    __slots__ = ("boxed", "latency_ns", "link_of", "next", "select", "service_ns", "staged")
 
     def __init__(
         self, latency_ns: Time, service_ns: Time, select: Select | None, boxed: bool, staged: bool, size: int
@@ -51,203 +51,209 @@ class _Stop:
         self.select = select
         self.boxed = boxed
         self.staged = staged
-        """Whether what comes next is not begun before the blocks have come here."""
-        self.lane_of = np.full(size, -1, dtype=np.int64)
-        self.next: list[_Stop] = []
+        """Whether the hops behind it begin only when the blocks have arrived here."""
+        self.link_of = np.full(size, -1, dtype=np.int64)
+        self.next: list[_Hop] = []
 
 
-class Landing:
-    """Blocks whose journey has ended: the hops before, and the last, which goes to the mailboxes or (`onward`) on."""
+class BlockDelivery:
+    """Blocks at the end of their path: the hops before the last, and the last, for the mailboxes or for `pending`."""
 
-    __slots__ = ("arrival", "hops", "onward", "to_box")
+    __slots__ = ("arrival", "hops", "pending", "to_mailboxes")
 
-    def __init__(self, arrival: Time, hops: list[FrameBlock], to_box: bool, onward: list[Onward]) -> None:
+    def __init__(self, arrival: Time, hops: list[FrameBlock], to_mailboxes: bool, pending: list[PendingHop]) -> None:
         self.arrival = arrival
         self.hops = hops
-        self.to_box = to_box
-        self.onward = onward
+        self.to_mailboxes = to_mailboxes
+        self.pending = pending
 
 
-class Onward:
-    """What is to be sent on along one route at `sent`: some rows of a block that has come so far."""
+class PendingHop:
+    """Rows of a block that has arrived, to be sent on along one route at `sent`."""
 
-    __slots__ = ("block", "rows", "sent", "starts", "stop")
+    __slots__ = ("block", "hop", "rows", "sent", "starts")
 
-    def __init__(self, sent: Time, stop: _Stop, starts: Ints, block: FrameBlock, rows: Ints) -> None:
+    def __init__(self, sent: Time, hop: _Hop, starts: Ints, block: FrameBlock, rows: Ints) -> None:
         self.sent = sent
-        self.stop = stop
+        self.hop = hop
         self.starts = starts
         self.block = block
         self.rows = rows
 
     @property
-    def lanes(self) -> Ints:
-        """(n,) the numbers of the lanes that it goes on by."""
-        return self.stop.lane_of[self.starts]
+    def links(self) -> Ints:
+        """(n,) the numbers of the directed links on which they are sent on."""
+        return self.hop.link_of[self.starts]
 
-    def take(self, keep: NDArray[np.bool_]) -> Onward:
-        """Some of it."""
-        return Onward(self.sent, self.stop, self.starts[keep], self.block, self.rows[keep])
+    def take(self, keep: NDArray[np.bool_]) -> PendingHop:
+        """Some of the rows."""
+        return PendingHop(self.sent, self.hop, self.starts[keep], self.block, self.rows[keep])
 
 
 _NONE = np.zeros(0, dtype=np.int64)
 
 
-class Express:
-    """The lanes of a kernel by number, and the ways that blocks take over them."""
+class FastPath:
+    """The directed links of a kernel by number, and the paths that blocks take over them."""
 
-    def __init__(self, lanes: Sequence[Lane], ports: dict[Port, int]) -> None:
-        """`lanes` by number, wired; `ports` tells the place of every owned port among its owner's."""
-        names = [LaneName(lane.link, lane.direction, lane.src, lane.dst) for lane in lanes]
-        places = np.array([ports.get(lane.port, -1) for lane in lanes], dtype=np.int64)
-        self.lanes = Lanes(names, places)
-        self.way = np.full(len(lanes), -1, dtype=np.int64)
-        """Lane number → its express, -1 for none."""
-        self.boxes: list[Mailbox] = []
-        self.box_of = np.full(len(lanes), -1, dtype=np.int64)
+    def __init__(self, links: Sequence[Lane], ports: dict[Port, int]) -> None:
+        """`links` by number, wired; `ports` has the place of every owned port among its owner's."""
+        names = [LaneName(link.link_name, link.direction, link.src, link.dst) for link in links]
+        places = np.array([ports.get(link.port, -1) for link in links], dtype=np.int64)
+        self.link_table = Lanes(names, places)
+        self.path_of = np.full(len(links), -1, dtype=np.int64)
+        """Directed link → its path, -1 for none."""
+        self.mailboxes: list[Mailbox] = []
+        self.mailbox_of = np.full(len(links), -1, dtype=np.int64)
         self._names: Sequence[tuple[str, str, str]] = ()
         self._named = _NONE
-        """The lane of each name of the last book of parents, -1 for none."""
-        self._stops: list[_Stop] = []
+        """The directed link of each name of the last table of parents, -1 for none."""
+        self._paths: list[_Hop] = []
         known: dict[Any, int] = {}
         numbers: dict[str, int] = {}
-        for lane in lanes:
-            if lane.receiver is not None:
-                number = numbers.get(lane.receiver.name)
+        for link in links:
+            if link.mailbox is not None:
+                number = numbers.get(link.mailbox.name)
                 if number is None:
-                    number = numbers[lane.receiver.name] = len(self.boxes)
-                    self.boxes.append(lane.receiver)
-                self.box_of[lane.number] = number
-            shape = _shape(lane)
+                    number = numbers[link.mailbox.name] = len(self.mailboxes)
+                    self.mailboxes.append(link.mailbox)
+                self.mailbox_of[link.number] = number
+            shape = _path_shape(link)
             if shape is None:
                 continue
             if shape not in known:
-                known[shape] = len(self._stops)
-                self._stops.append(_stops(lane, 0, None, len(lanes)))
-            self.way[lane.number] = known[shape]
-            _enter(self._stops[known[shape]], lane.number, lane)
+                known[shape] = len(self._paths)
+                self._paths.append(_build_hop(link, 0, None, len(links)))
+            self.path_of[link.number] = known[shape]
+            _add_start(self._paths[known[shape]], link.number, link)
 
-    def lanes_of(self, parents: Parents) -> Ints:
-        """(n,) the lane's number of each parent, -1 where no lane's own source sent it."""
+    def find_parent_links(self, parents: Parents) -> Ints:
+        """(n,) the number of each parent's directed link, -1 where the parent's sender is not that link's source."""
         names, known = parents.names, self._named
-        if names is not self._names:  # another agent's book
+        if names is not self._names:  # another agent's table
             self._names, known = names, _NONE
-        if len(known) < len(names):  # a book only grows
-            numbers = [self.lanes.numbers.get(name, -1) for name in names[len(known) :]]
+        if len(known) < len(names):  # a table only grows
+            numbers = [self.link_table.numbers.get(name, -1) for name in names[len(known) :]]
             known = np.concatenate([known, np.array(numbers, dtype=np.int64)])
         self._named = known
         return known[parents.numbers]
 
-    def fly(
+    def send(
         self,
         now: Time,
-        way: int,
-        lanes: Ints,
+        path: int,
+        links: Ints,
         payloads: Payloads,
-        parent_lane: Ints | None,
-        parent_serial: Ints | None,
-        counters: Ints,
-    ) -> list[Landing]:
-        """Send `payloads` from `lanes` (numbers, all of one express): where and when all of it comes out."""
-        landings: list[Landing] = []
-        stop = self._stops[way]
-        _follow(stop, self.lanes, now, lanes, payloads, None, parent_lane, parent_serial, [], counters, landings)
-        return landings
+        parent_links: Ints | None,
+        parent_serials: Ints | None,
+        sent_counts: Ints,
+    ) -> list[BlockDelivery]:
+        """Send `payloads` on `links` (numbers, all of one path); returns where and when each of them comes out."""
+        deliveries: list[BlockDelivery] = []
+        _follow(
+            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, [],
+            sent_counts, deliveries,
+        )  # fmt: skip
+        return deliveries
 
-    def go_on(self, onward: Onward, counters: Ints) -> list[Landing]:
-        """Send on what has waited for its moment."""
-        landings: list[Landing] = []
-        block, rows = onward.block, onward.rows
+    def resume(self, pending: PendingHop, sent_counts: Ints) -> list[BlockDelivery]:
+        """Send on what has waited until its time."""
+        deliveries: list[BlockDelivery] = []
+        block, rows = pending.block, pending.rows
         carried = rows if block.rows is None else block.rows[rows]
         _follow(
-            onward.stop, self.lanes, onward.sent, onward.starts, block.payloads, carried,
-            block.lane[rows], block.serial[rows], [], counters, landings,
+            pending.hop, self.link_table, pending.sent, pending.starts, block.payloads, carried,
+            block.lane[rows], block.serial[rows], [], sent_counts, deliveries,
         )  # fmt: skip
-        return landings
+        return deliveries
 
 
 def _follow(
-    stop: _Stop,
-    lanes: Lanes,
+    hop: _Hop,
+    table: Lanes,
     now: Time,
     starts: Ints,
     payloads: Payloads,
     rows: Ints | None,
-    parent_lane: Ints | None,
-    parent_serial: Ints | None,
+    parent_links: Ints | None,
+    parent_serials: Ints | None,
     hops: list[FrameBlock],
-    counters: Ints,
-    landings: list[Landing],
+    sent_counts: Ints,
+    deliveries: list[BlockDelivery],
 ) -> None:
-    lane = stop.lane_of[starts]
-    serial = _serials(lane, counters)
-    arrival = now + stop.latency_ns
-    block = FrameBlock(lanes, lane, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_lane, parent_serial)
+    """Send frames over a hop and, where they need not wait, over all hops behind it."""
+    link = hop.link_of[starts]
+    serial = _take_serials(link, sent_counts)
+    arrival = now + hop.latency_ns
+    block = FrameBlock(
+        table, link, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_links, parent_serials
+    )  # fmt: skip
     hops.append(block)
-    if stop.staged:
-        waiting = []
-        for onward in stop.next:
-            chosen = np.arange(len(lane))
+    if hop.staged:
+        pending = []
+        for onward in hop.next:
+            chosen = np.arange(len(link))
             if onward.select is not None:
-                chosen = np.flatnonzero(_selected(onward.select, block.carried()))
+                chosen = np.flatnonzero(_select_rows(onward.select, block.carried()))
             if len(chosen):
-                waiting.append(Onward(ceil_to(arrival, onward.service_ns), onward, starts[chosen], block, chosen))
-        landings.append(Landing(arrival, hops, False, waiting))
+                sent = ceil_to(arrival, onward.service_ns)
+                pending.append(PendingHop(sent, onward, starts[chosen], block, chosen))
+        deliveries.append(BlockDelivery(arrival, hops, False, pending))
         return
     branched = False
-    for onward in stop.next:
+    for onward in hop.next:
         sent = ceil_to(arrival, onward.service_ns)
         if onward.select is None:
-            _follow(onward, lanes, sent, starts, payloads, rows, lane, serial, hops, counters, landings)
+            _follow(onward, table, sent, starts, payloads, rows, link, serial, hops, sent_counts, deliveries)
         else:
-            chosen = np.flatnonzero(_selected(onward.select, block.carried()))
+            chosen = np.flatnonzero(_select_rows(onward.select, block.carried()))
             if len(chosen) == 0:
                 continue
             _follow(
-                onward, lanes, sent, starts[chosen], payloads, chosen if rows is None else rows[chosen],
-                lane[chosen], serial[chosen], hops, counters, landings,
+                onward, table, sent, starts[chosen], payloads, chosen if rows is None else rows[chosen],
+                link[chosen], serial[chosen], hops, sent_counts, deliveries,
             )  # fmt: skip
         branched = True
-        hops = []  # the first branch carries what was flown before it
+        hops = []  # the first branch reports the hops before it
     if not branched:
-        landings.append(Landing(arrival, hops, stop.boxed, []))
+        deliveries.append(BlockDelivery(arrival, hops, hop.boxed, []))
 
 
-def _selected(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
+def _select_rows(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
     if isinstance(select, RowFilter):
         return select.rows(payloads)
     return np.fromiter(map(select, payloads), np.bool_, len(payloads))
 
 
-def _shape(lane: Lane) -> Any:
-    """What two lanes must share to share an express; `None` where blocks cannot go."""
-    if not lane.local or lane.out_taps or lane.in_taps or not lane.channel.steady:
+def _path_shape(link: Lane) -> Any:
+    """What two directed links must have in common to share a path; `None` where blocks cannot travel."""
+    if not link.local or link.sender_taps or link.receiver_taps or not link.channel.steady:
         return None
-    latency_ns = lane.channel.spec.latency_ns
-    if not lane.forwards:
-        return (latency_ns, lane.receiver is not None)
-    if lane.receiver is not None or (lane.fused is None and lane.staged is None):
+    latency_ns = link.channel.spec.latency_ns
+    if not link.routes:
+        return (latency_ns, link.mailbox is not None)
+    if link.mailbox is not None or (link.fused is None and link.staged is None):
         return None
     onward = []
-    for route, target in lane.fused or lane.staged or ():
-        below = _shape(target)
+    for route, target in link.fused or link.staged or ():
+        below = _path_shape(target)
         if below is None:
             return None
         onward.append((route.service_ns, route.select, below))
-    return (latency_ns, lane.staged is not None, tuple(onward))
+    return (latency_ns, link.staged is not None, tuple(onward))
 
 
-def _stops(lane: Lane, service_ns: Time, select: Select | None, size: int) -> _Stop:
-    boxed, staged = lane.receiver is not None, lane.staged is not None
-    stop = _Stop(lane.channel.spec.latency_ns, service_ns, select, boxed, staged, size)
-    stop.next = [
-        _stops(target, route.service_ns, route.select, size) for route, target in lane.fused or lane.staged or ()
+def _build_hop(link: Lane, service_ns: Time, select: Select | None, size: int) -> _Hop:
+    boxed, staged = link.mailbox is not None, link.staged is not None
+    hop = _Hop(link.channel.spec.latency_ns, service_ns, select, boxed, staged, size)
+    hop.next = [
+        _build_hop(target, route.service_ns, route.select, size) for route, target in link.fused or link.staged or ()
     ]
-    return stop
+    return hop
 
 
-def _enter(stop: _Stop, start: int, lane: Lane) -> None:
-    """Note which lanes an express takes from one start."""
-    stop.lane_of[start] = lane.number
-    for below, (_, target) in zip(stop.next, lane.fused or lane.staged or (), strict=True):
-        _enter(below, start, target)
+def _add_start(hop: _Hop, start: int, link: Lane) -> None:
+    """Enter the directed links of a path that begins at `start`."""
+    hop.link_of[start] = link.number
+    for below, (_, target) in zip(hop.next, link.fused or link.staged or (), strict=True):
+        _add_start(below, start, target)

@@ -1,4 +1,4 @@
-"""What is one direction of a link made of? Its taps in order, its channel, and where it leads."""
+"""One direction of a link: its taps in order, its channel, and what is at its receiving end."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
 from skyrange.kernel.channel import NO_CHANCE, ChannelState, Uniforms
-from skyrange.kernel.stages import Stage
+from skyrange.kernel.stages import AttackState
 
 
 class TapSlot:
-    """A placed tap: the tap, its endpoint name, and the attack that answers for it."""
+    """A placed tap: the tap, its endpoint name, and the attack that it belongs to."""
 
-    __slots__ = ("attack", "due", "lanes", "name", "tap")
+    __slots__ = ("attack", "due", "links", "name", "tap")
 
-    def __init__(self, tap: Tap, name: str, attack: Stage | None) -> None:
+    def __init__(self, tap: Tap, name: str, attack: AttackState | None) -> None:
         self.tap = tap
         self.name = name
         self.attack = attack
         self.due: Time | None = None
-        self.lanes: dict[str, tuple[Lane, int, bool]] = {}
-        """Per direction: the lane, the stage *after* this tap, and whether that is on the sending side."""
+        self.links: dict[str, tuple[Lane, int, bool]] = {}
+        """By direction: the directed link, the position *after* this tap, and whether that is on the sending side."""
 
 
 class FrameMonitor(Protocol):
-    """What a link shows frames to at one of its ends."""
+    """A subscriber that a directed link shows its frames to at one of its ends."""
 
-    def take_frame(self, at: Time, lane: int, frame: Frame, received: bool) -> None:
-        """Keep a frame that is sent from that end at `at`, or arrives there then; `at` may be still to come."""
+    def take_frame(self, at: Time, link: int, frame: Frame, received: bool) -> None:
+        """Keep a frame that is sent from that end at `at`, or arrives there then; `at` may be in the future."""
         ...
 
 
@@ -52,56 +52,58 @@ class Lane:
         "_serials",
         "arrival_monitors",
         "channel",
-        "counters",
         "direction",
         "dst",
-        "forwards",
         "fused",
-        "in_taps",
-        "link",
+        "link_name",
         "local",
+        "mailbox",
         "name",
         "number",
-        "out_taps",
         "port",
-        "receiver",
+        "receiver_taps",
+        "routes",
         "send_monitors",
+        "sender_taps",
+        "sent_counts",
         "src",
         "staged",
     )
 
     def __init__(self, spec: LinkSpec, direction: str, chance: Chance) -> None:
-        self.link = spec.name
+        self.link_name = spec.name
         self.direction = direction
         self.name = f"{spec.name}:{direction}"
         self.src, self.dst = (spec.a, spec.b) if direction == "fwd" else (spec.b, spec.a)
-        self.port = Port(self.dst, self.link)
-        """The receiver's end."""
+        self.port = Port(self.dst, self.link_name)
+        """The receiving end."""
         self.channel = ChannelState(spec.channel)
-        self.out_taps: list[TapSlot] = []
-        self.in_taps: list[TapSlot] = []
-        self.forwards: list[Forward] = []
+        self.sender_taps: list[TapSlot] = []
+        self.receiver_taps: list[TapSlot] = []
+        self.routes: list[RouteHop] = []
         """Where the receiving endpoint's routes lead."""
-        self.fused: list[Forward] | None = None
+        self.fused: list[RouteHop] | None = None
         """The same routes where they may be followed at sending time; `None` where they may not."""
-        self.staged: list[Forward] | None = None
-        """The same routes where they may be followed when what they forward has arrived; `None` where they may not."""
-        self.receiver: Mailbox | None = None
+        self.staged: list[RouteHop] | None = None
+        """The same routes where they may be followed once the frames have arrived; `None` where they may not."""
+        self.mailbox: Mailbox | None = None
+        """Of the agent or engine that owns the receiving end, if there is one."""
         self.send_monitors: Sequence[FrameMonitor] = ()
         """Monitors that listen at its sending end."""
         self.arrival_monitors: Sequence[FrameMonitor] = ()
         """Monitors that listen at its receiving end."""
         self.local = True
+        """Whether the receiving end lives in this kernel."""
         self.number = 0
-        """Its place among the kernel's lanes, in order of their names."""
-        self.counters = np.zeros(1, dtype=np.int64)
-        """How many frames each lane's own source has sent on it, by number: one array for all lanes of a kernel."""
+        """Its place among the kernel's directed links, in order of their names."""
+        self.sent_counts = np.zeros(1, dtype=np.int64)
+        """How many frames each directed link's own source has sent, by number: one array for all links of a kernel."""
         self._chance = chance
         self._serials: dict[str, int] = {}
         self._addresses: dict[str, int] = {}
         self._drawn: dict[str, tuple[Time, int]] = {}
 
-    def frame(
+    def make_frame(
         self,
         sender: str,
         now: Time,
@@ -111,14 +113,14 @@ class Lane:
         parent: FrameId | None = None,
         causes: tuple[FrameId, ...] = (),
     ) -> Frame:
-        """A new frame of `sender` on this lane, with that sender's next serial."""
+        """A new frame of `sender` on this link, with that sender's next serial."""
         if sender == self.src:
-            serial = self.counters.item(self.number)
-            self.counters[self.number] = serial + 1
+            serial = self.sent_counts.item(self.number)
+            self.sent_counts[self.number] = serial + 1
         else:
             serial = self._serials.get(sender, 0)
             self._serials[sender] = serial + 1
-        return Frame(self.link, self.direction, sender, serial, src, dst, now, payload, parent, causes)
+        return Frame(self.link_name, self.direction, sender, serial, src, dst, now, payload, parent, causes)
 
     def carry(self, sender: str, now: Time, size: int) -> tuple[Fate, Time, Time | None]:
         """Send `size` bytes of `sender` through the channel; as `ChannelState.carry`."""
@@ -128,7 +130,7 @@ class Lane:
         return channel.carry(now, size, self.luck(sender, now))
 
     def luck(self, sender: str, now: Time) -> Uniforms:
-        """The draws of `sender`'s k-th frame on this lane at `now`; k is counted among that sender's only."""
+        """The uniforms of `sender`'s k-th frame on this link at `now`; k counts that sender's frames only."""
         last, k = self._drawn.get(sender, (None, 0))
         k = k + 1 if last == now else 0
         self._drawn[sender] = (now, k)
@@ -138,47 +140,47 @@ class Lane:
         return self._chance.uniform4("link", address, now, k)
 
 
-class Forward(NamedTuple):
-    """A route as the kernel follows it."""
+class RouteHop(NamedTuple):
+    """A route, and the directed link on which it sends."""
 
     route: Route
-    lane: Lane
+    link: Lane
 
     @property
     def name(self) -> str:
-        """What tells it from all others of a kernel."""
+        """Its name, unique in a kernel."""
         return f"{self.route.endpoint}|{self.route.source}|{self.route.target}"
 
 
 @dataclass(slots=True)
 class Mailbox:
-    """What has arrived for an agent or an engine and waits for its service time."""
+    """Frames that have arrived for an agent or an engine and wait for its service time."""
 
     name: str
     service_ns: Time
     polled: bool
-    """An engine's mail is collected by its ticks; an agent's mail wakes it."""
+    """Whether it belongs to an engine, whose ticks collect the mail; an agent's mail wakes the agent."""
     due: Time | None = None
-    pending: list[Arrival] = field(default_factory=list)
+    singles: list[Arrival] = field(default_factory=list)
     blocks: list[FrameBlock] = field(default_factory=list)
 
     @property
     def full(self) -> bool:
         """Whether anything is in it."""
-        return bool(self.pending or self.blocks)
+        return bool(self.singles or self.blocks)
 
     def collect(self) -> Inbox:
-        """Empty the box."""
-        mail, self.pending = self.pending, []
+        """Empty the mailbox."""
+        singles, self.singles = self.singles, []
         blocks, self.blocks = self.blocks, []
-        return Inbox(mail, blocks)
+        return Inbox(singles, blocks)
 
 
 @dataclass(slots=True)
-class Forwarder:
-    """What waits at an endpoint to be sent on along one of its routes."""
+class RouteQueue:
+    """Frames that wait at an endpoint to be sent on along one of its routes."""
 
-    forward: Forward
+    hop: RouteHop
     due: Time | None = None
     frames: list[Frame] = field(default_factory=list)
 
@@ -188,4 +190,5 @@ class Transit(NamedTuple):
 
     arrival: Time
     lane: str
+    """The directed link, `link:direction`."""
     frame: Frame

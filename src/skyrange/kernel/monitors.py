@@ -38,21 +38,21 @@ class MonitorSlot:
         "_blocks", "_dst", "_names", "_numbers", "_places", "_singles", "_src", "due", "id", "monitor", "ports",
     )  # fmt: skip
 
-    def __init__(self, id_: str, monitor: Monitor, ports: Sequence[Port], lanes: Sequence[Lane]) -> None:
-        """`lanes` by number; `ports` are the ends of some of them, in order of link and endpoint."""
+    def __init__(self, id_: str, monitor: Monitor, ports: Sequence[Port], links: Sequence[Lane]) -> None:
+        """`links` by number; `ports` are the ends of some of them, in order of link and endpoint."""
         self.id = id_
         self.monitor = monitor
         self.ports = ports
         self.due: Time = 0
         number = {port: place for place, port in enumerate(ports)}
-        sent = [number.get(Port(lane.src, lane.link), -1) for lane in lanes]
-        arrived = [number.get(lane.port, -1) for lane in lanes]
+        sent = [number.get(Port(link.src, link.link_name), -1) for link in links]
+        arrived = [number.get(link.port, -1) for link in links]
         self._places = np.array([sent, arrived], dtype=np.int64).reshape(2, -1)
-        """(2, lanes): the place of a lane's sending end and of its receiving end in `ports`, -1 where it is none."""
-        self._names = sorted({name for lane in lanes for name in (lane.src, lane.dst)})
+        """(2, links): the place of a link's sending end and of its receiving end in `ports`, -1 where it is none."""
+        self._names = sorted({name for link in links for name in (link.src, link.dst)})
         self._numbers = {name: place for place, name in enumerate(self._names)}
-        self._src = np.array([self._numbers[lane.src] for lane in lanes], dtype=np.int64)
-        self._dst = np.array([self._numbers[lane.dst] for lane in lanes], dtype=np.int64)
+        self._src = np.array([self._numbers[link.src] for link in links], dtype=np.int64)
+        self._dst = np.array([self._numbers[link.dst] for link in links], dtype=np.int64)
         self._blocks: list[tuple[Time, int, FrameBlock]] = []
         self._singles: list[tuple[Time, int, int, Frame]] = []
 
@@ -61,13 +61,13 @@ class MonitorSlot:
         """How often it is served."""
         return self.monitor.service_ns
 
-    def listens(self, lane: int, received: bool) -> bool:
-        """Whether it listens at the receiving end of a lane, or at its sending end."""
-        return bool(self._places[int(received), lane] >= 0)
+    def listens(self, link: int, received: bool) -> bool:
+        """Whether it listens at the receiving end of a link, or at its sending end."""
+        return bool(self._places[int(received), link] >= 0)
 
-    def take_frame(self, at: Time, lane: int, frame: Frame, received: bool) -> None:
-        """Keep a frame that is sent from, or arrives at, an end at which it listens; `at` may be still to come."""
-        self._singles.append((at, lane, int(received), frame))
+    def take_frame(self, at: Time, link: int, frame: Frame, received: bool) -> None:
+        """Keep a frame that is sent from, or arrives at, an end at which it listens; `at` may be in the future."""
+        self._singles.append((at, link, int(received), frame))
 
     def take_block(self, block: FrameBlock) -> None:
         """Keep those frames of a block that are sent from, or arrive at, an end at which it listens."""
@@ -81,40 +81,32 @@ class MonitorSlot:
         blocks = [entry for entry in self._blocks if entry[0] <= now]
         self._singles = [entry for entry in self._singles if entry[0] > now]
         self._blocks = [entry for entry in self._blocks if entry[0] > now]
-        at, lane, received, serial, src, dst = (np.zeros(0, dtype=np.int64) for _ in range(6))
+        columns = [(np.zeros(0, dtype=np.int64),) * 6]
+        payloads: list[Payloads] = []
         names: Sequence[str] = self._names
-        parts: list[Payloads] = []
-        chosen: list[tuple[Time, int, Ints, Ints]] = []
         if singles:
             frames = [frame for *_, frame in singles]
-            at = np.array([at for at, *_ in singles], dtype=np.int64)
-            lane = np.array([lane for _, lane, *_ in singles], dtype=np.int64)
-            received = np.array([received for _, _, received, _ in singles], dtype=np.int64)
-            serial = np.array([frame.serial for frame in frames], dtype=np.int64)
-            names, src, dst = self._claims(frames)
-            parts.append(Payloads.of([frame.payload for frame in frames]))
-        for block_at, way, block in blocks:
+            when = np.array([entry[:3] for entry in singles], dtype=np.int64)
+            names, src, dst = self._number_claims(frames)
+            serials = np.array([frame.serial for frame in frames], dtype=np.int64)
+            columns.append((when[:, 0], when[:, 1], when[:, 2], serials, src, dst))
+            payloads.append(Payloads.of([frame.payload for frame in frames]))
+        for at, way, block in blocks:
             rows = np.flatnonzero(self._places[way][block.lane] >= 0)
-            carried = block.carried()
-            parts.append(carried if len(rows) == len(block) else carried.take(rows))
-            chosen.append((block_at, way, block.lane[rows], block.serial[rows]))
-        if chosen:
-            sizes = [len(lanes) for _, _, lanes, _ in chosen]
-            lanes = np.concatenate([lanes for _, _, lanes, _ in chosen])
-            at = np.concatenate([at, np.repeat(np.array([at for at, *_ in chosen], dtype=np.int64), sizes)])
-            received = np.concatenate([received, np.repeat([way for _, way, *_ in chosen], sizes)])
-            serial = np.concatenate([serial, *(serials for *_, serials in chosen)])
-            lane = np.concatenate([lane, lanes])
-            src, dst = np.concatenate([src, self._src[lanes]]), np.concatenate([dst, self._dst[lanes]])
-        places = self._places[received, lane]
-        rank = self._sender_ranks([frame.sender for *_, frame in singles], lane)
-        order = np.lexsort((serial, rank, received, places, at))
-        payloads = Payloads.join(parts).take(order)
+            link, carried = block.lane[rows], block.carried()
+            same = (np.full(len(rows), at, dtype=np.int64), link, np.full(len(rows), way, dtype=np.int64))
+            columns.append((*same, block.serial[rows], self._src[link], self._dst[link]))
+            payloads.append(carried if len(rows) == len(block) else carried.take(rows))
+        at_ns, links, received, serial, src, dst = (np.concatenate(parts) for parts in zip(*columns, strict=True))
+        places = self._places[received, links]
+        rank = self._rank_senders([frame.sender for *_, frame in singles], links)
+        order = np.lexsort((serial, rank, received, places, at_ns))
+        every = Payloads.join(payloads).take(order)
         return ObservedFrames(
-            self.ports, places[order], received[order] > 0, at[order], payloads, names, src[order], dst[order]
+            self.ports, places[order], received[order] > 0, at_ns[order], every, names, src[order], dst[order]
         )
 
-    def _claims(self, frames: Sequence[Frame]) -> tuple[Sequence[str], Ints, Ints]:
+    def _number_claims(self, frames: Sequence[Frame]) -> tuple[Sequence[str], Ints, Ints]:
         """All names, and which of them each frame claims as its source and destination."""
         numbers, strange = self._numbers, dict[str, int]()
         claimed = np.empty((2, len(frames)), dtype=np.int64)
@@ -124,9 +116,9 @@ class MonitorSlot:
                 claimed[way, row] = strange.setdefault(name, len(numbers) + len(strange)) if number is None else number
         return [*self._names, *strange] if strange else self._names, claimed[0], claimed[1]
 
-    def _sender_ranks(self, senders: Sequence[str], lane: Ints) -> Ints:
-        """(n,) numbers in the order of the true senders' names: `senders` first, then their lanes' own."""
-        ranks = self._src[lane]
+    def _rank_senders(self, senders: Sequence[str], links: Ints) -> Ints:
+        """(n,) numbers in the order of the true senders' names: `senders` first, then their links' own."""
+        ranks = self._src[links]
         numbers = [self._numbers.get(sender, -1) for sender in senders]
         if min(numbers, default=0) >= 0:  # numbered in order of their names
             ranks[: len(senders)] = numbers
@@ -145,24 +137,27 @@ class Monitors:
         self,
         placements: Sequence[MonitorPlacement],
         links: Sequence[LinkSpec],
-        lanes: Mapping[str, Lane],
+        directed: Mapping[str, Lane],
         heap: list[Event],
         observers: ObserverList,
     ) -> None:
-        """Place monitors on numbered lanes. Raises `InputError` for a placement that matches no end of a link."""
+        """Place monitors at ends of directed links, which are numbered.
+
+        Raises `InputError` for a placement that matches no end of a link.
+        """
         self._heap = heap
         self._observers = observers
         self.slots: list[MonitorSlot] = []
-        numbered = sorted(lanes.values(), key=_number_of)
-        here = {Port(lane.dst, lane.link) for lane in numbered if lane.local}
+        numbered = sorted(directed.values(), key=_number_of)
+        here = {Port(link.dst, link.link_name) for link in numbered if link.local}
         ends = [(spec.name, spec.a, spec.b) for spec in links]
         for placement in sorted(placements, key=_id_of):
             local = [port for port in find_ends(placement, ends) if port in here]
             if local:
                 self.slots.append(MonitorSlot(placement.id, make_monitor(placement), local, numbered))
-        for lane in numbered:
-            lane.send_monitors = tuple(slot for slot in self.slots if slot.listens(lane.number, False))
-            lane.arrival_monitors = tuple(slot for slot in self.slots if slot.listens(lane.number, True))
+        for link in numbered:
+            link.send_monitors = tuple(slot for slot in self.slots if slot.listens(link.number, False))
+            link.arrival_monitors = tuple(slot for slot in self.slots if slot.listens(link.number, True))
 
     def begin(self) -> None:
         """Have each served at time 0 first."""
@@ -186,8 +181,8 @@ class Monitors:
         heappush(self._heap, ((due << 3) | MONITOR, "monitor", slot.id, 0, SERVE, slot))
 
 
-def _number_of(lane: Lane) -> int:
-    return lane.number
+def _number_of(link: Lane) -> int:
+    return link.number
 
 
 def _id_of(placement: MonitorPlacement) -> str:

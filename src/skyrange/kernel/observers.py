@@ -1,6 +1,6 @@
-"""What the observers of a kernel are told: frames at their fate, notes, alerts, truth, and labels.
+"""Reports to the observers of a kernel: frames at their fate, notes, alerts, truth, and labels of hostile acts.
 
-Every label is written here, whoever acted: a tap, an attack's agent or a sensor fault.
+Every label is written here, whether a tap, an attack's agent or a sensor fault acted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from skyrange.agent.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 from skyrange.kernel.lane import TapSlot
-from skyrange.kernel.stages import Stage
+from skyrange.kernel.stages import AttackState
 
 
 class ObserverList:
@@ -28,35 +28,35 @@ class ObserverList:
         self.members = list(members)
 
     def report_frames(self, frames: Sequence[Frame]) -> None:
-        """Tell of frames that have met their fate."""
+        """Report frames that have met their fate."""
         for observer in self.members:
             for frame in frames:
                 observer.on_frame(frame)
 
     def report_blocks(self, blocks: Sequence[FrameBlock]) -> None:
-        """Tell of blocks of frames that have met their fate."""
+        """Report blocks of frames that have met their fate."""
         for observer in self.members:
             for block in blocks:
                 observer.on_block(block)
 
     def report_note(self, now: Time, source: str, note: Note) -> None:
-        """Tell of what an agent, an engine, the world or the kernel noted."""
+        """Report what an agent, an engine, the world or the kernel noted."""
         for observer in self.members:
             observer.on_note(now, source, note)
 
     def report_truth(self, now: Time, world: World) -> None:
-        """Tell that a tick of the world has ended."""
+        """Report that a tick of the world has ended."""
         for observer in self.members:
             observer.on_truth(now, world)
 
     def report_alert(self, now: Time, detector: str, alert: Alert) -> None:
-        """Tell of an alert that a monitor raised."""
+        """Report an alert that a monitor raised."""
         for observer in self.members:
             observer.on_alert(now, detector, alert)
 
     # ---------------------------------------------------------------- labels
 
-    def label_sending(self, now: Time, attack: Stage, agent: str, frame: FrameId) -> None:
+    def label_sending(self, now: Time, attack: AttackState, agent: str, frame: FrameId) -> None:
         """Label a frame that an attack's own agent sent."""
         self._report_label(Label(now, attack.id, agent, "send", frame))
 
@@ -73,7 +73,7 @@ class ObserverList:
         if slot.attack is not None:
             self._report_label(Label(now, slot.attack.id, slot.name, action, frame, child, until))
 
-    def label_sensor_act(self, now: Time, attack: Stage, fault: str, act: FrameId) -> None:
+    def label_sensor_act(self, now: Time, attack: AttackState, fault: str, act: FrameId) -> None:
         """Label what a sensor fault did to a vehicle's sensor; `act` names the sensor as a link."""
         self._report_label(Label(now, attack.id, fault, "sensor", act))
 
